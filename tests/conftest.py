@@ -24,11 +24,7 @@ from threadpoolctl import threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.cli import main
-from bayes_ssi.inference.posterior.model_at_draws import (
-    ConfigurationModes,
-    UpdatedModes,
-    configuration_modes,
-)
+from bayes_ssi.inference.posterior import model_at_draws
 from bayes_ssi.inference.posterior.posterior import Evidence, Posterior, Region
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.workers.workers import Workers
@@ -125,7 +121,7 @@ def model_classes(rigid, augmented, case_c, fixed_error):
 def updated(model_classes):
     """Modes of class 3 at draws near its medians."""
     values = np.exp(0.05 * np.random.default_rng(5).standard_normal((50, 4)))
-    (modes,) = configuration_modes(model_classes["3"], values)
+    (modes,) = model_at_draws.configuration_modes(model_classes["3"], values)
     return modes.updated
 
 
@@ -203,10 +199,11 @@ def make_posterior():
         name, log_evidence=0.0, error=0.01, names=("k1", "k2"), pairing=None, inferred=None,
         **changes,
     ):  # fmt: skip
-        rng = np.random.default_rng(3)
-        draws = rng.standard_normal((4, 250, len(names)))
+        draws = np.random.default_rng(3).standard_normal((4, 250, len(names)))
         check = EvidenceEstimate("bridge sampling", log_evidence, error)
-        no_modes = UpdatedModes((), (), ())
+        no_modes = model_at_draws.UpdatedModes((), (), ())
+        pairs = pairing or {"1": 1, "2": 2}
+        own = model_at_draws.ConfigurationModes("", 2, pairs, inferred, no_modes)
         fields = {
             "name": name,
             "parameter_names": tuple(names),
@@ -234,9 +231,7 @@ def make_posterior():
             "failed_checks": (),
             "edges": (),
             "data_digest": "0123456789abcdef",
-            "configurations": (
-                ConfigurationModes("", 2, pairing or {"1": 1, "2": 2}, inferred, no_modes),
-            ),
+            "configurations": (own,),
         }  # fmt: skip
         return Posterior(**{**fields, **changes})
 
@@ -250,7 +245,7 @@ def bare(frame, case_c, fixed_error):
 
 
 @pytest.fixture
-def fake_sampling(monkeypatch, make_posterior):
+def fake_sampling(monkeypatch, make_posterior, no_motions):  # noqa: ARG001
     """Replaces screening and sampling by given log evidences; returns the names screened, by level.
 
     Every hypothesis has draws of its own. ``install.sampled`` are the names sampled, round by
@@ -258,8 +253,6 @@ def fake_sampling(monkeypatch, make_posterior):
     posteriors may be given.
     """
 
-    # Levels and weights of appendages alone.
-    monkeypatch.setattr("bayes_ssi.studies.appendages.baselines._motions_of", lambda _: ())
     # Posteriors that were not sampled have no modes to move in.
     monkeypatch.setattr("bayes_ssi.plots.moving_shapes.save_scenes", lambda *_: None)
 
@@ -454,6 +447,12 @@ def close_figures():
     plt.close("all")
     yield
     plt.close("all")
+
+
+def succeeded(result):
+    """A command's result, which is no failure."""
+    assert result.exit_code == 0, result.output
+    return result
 
 
 def assert_one_line_error(result, *words):

@@ -6,12 +6,7 @@ import numpy as np
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.mixture import StudentMixture
-from bayes_ssi.studies.appendages.candidates import (
-    InfillPlace,
-    PendulumPlace,
-    SearchSettings,
-    places_of,
-)
+from bayes_ssi.studies.appendages.candidates import InfillPlace, PendulumPlace, places_of
 from bayes_ssi.studies.search.approximate_evidence import Screened
 from bayes_ssi.studies.search.findings import Finding
 
@@ -20,8 +15,8 @@ COARSE = bs.SamplingSettings(
     log_evidence_error=1.0, particles=48, searches=1, r_hat=2.0, effective_sample_size=400
 )
 # One appendage at most; all sampled.
-ONE = SearchSettings(number_weights=(1.0, 1.0), most_unsampled=0.0)
-ALL = SearchSettings(most_unsampled=0.0)
+ONE = bs.SearchSettings(number_weights=(1.0, 1.0), most_unsampled=0.0)
+ALL = bs.SearchSettings(most_unsampled=0.0)
 PENDULUM_1, PENDULUM_3 = (PendulumPlace(bs.Candidate(str(i), i)) for i in (1, 3))
 INFILL_12, INFILL_01 = (InfillPlace(bs.Candidate(f"{i}-{i + 1}", i, to=i + 1)) for i in (1, 0))
 

@@ -125,8 +125,7 @@ N_TAIL = 164  # of 3000 weights: 3 √3000
 @pytest.mark.parametrize("k", [0.2, 0.5, 0.9])
 def test_the_tail_of_pareto_distributed_weights(k):
     """Maximum likelihood has a standard error of (1 + k)/√n; a prior of ten draws is at 1/2."""
-    rng = np.random.default_rng(1)
-    weights = stats.genpareto(k).rvs((200, 3000), random_state=rng)
+    weights = stats.genpareto(k).rvs((200, 3000), random_state=np.random.default_rng(1))
     log_weights = np.log(weights)
     result = [pareto_k(row) for row in log_weights]
     np.testing.assert_array_equal(log_weights, np.log(weights), "and stay as they are")

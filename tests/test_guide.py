@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from code_blocks import CHAPTERS, PAGES, ROOT, blocks, commands, run_page
-from conftest import COARSE
+from conftest import COARSE, succeeded
 
 import bayes_ssi as bs
 from bayes_ssi import plots
@@ -144,8 +144,7 @@ def test_first_steps_print_what_they_show(tmp_path, monkeypatch):
     shown = " ".join(text.split())
     for command in ("new tower", "check tower.csv", "rank tower.py", "report runs/results/tower"):
         assert f"$ bayes-ssi {command}\n" in text
-        done = CliRunner().invoke(main, command.split(), env={"COLUMNS": "80"})
-        assert done.exit_code == 0, done.output
+        done = succeeded(CliRunner().invoke(main, command.split(), env={"COLUMNS": "80"}))
         printed = " ".join(done.stdout.split())
         if command.startswith("rank"):
             for sentence in ("The most probable of the 2 model classes", "It pairs all 3"):

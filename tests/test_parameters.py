@@ -61,8 +61,7 @@ def test_table_evaluates_many_products_and_batch_equals_one_by_one():
     table = ProductTable(tuple(map(as_product, (7.0, a, a * b**2, 2.0 * b))), (a, b))
     batch = table.evaluate(VALUES)
     np.testing.assert_allclose(batch, [[7.0, 2.0, 18.0, 6.0], [7.0, 0.5, 24.5, 14.0]])
-    rows = [table.evaluate(row[None])[0] for row in VALUES]
-    np.testing.assert_array_equal(batch, rows)
+    np.testing.assert_array_equal(batch, [table.evaluate(row[None])[0] for row in VALUES])
 
 
 def test_median_of_a_product():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import MODEL_CLASSES, kept_study
+from conftest import MODEL_CLASSES, kept_study, succeeded
 
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages import hidden_cases as module
@@ -132,8 +132,7 @@ def test_the_command_prints_and_saves_the_map(run, tmp_path, spots, monkeypatch)
     above = replace(spots.cases[0], frequency_hz=7.5, error=0.0, warning="")
     spots = replace(spots, cases=(*spots.cases, above))
     monkeypatch.setattr(module, "blind_spots", lambda *_, **__: spots)
-    done = run("blind-spots", STUDY, "--out", tmp_path / "map")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("blind-spots", STUDY, "--out", tmp_path / "map"))
     printed = " ".join(done.stdout.split())
     n = len(spots.cases)
     assert f"1 of {n} cases ({100 / n:.1f} %) leave a parameter off by more than 10 %" in printed

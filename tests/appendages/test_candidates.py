@@ -58,8 +58,7 @@ def test_floors_and_storeys_in_x_and_y_are_those_of_a_building_in_space():
 def test_a_hypothesis_in_a_direction_has_the_modes_of_the_augmented_matrices(make):
     """By scipy, with the row of the pendulum written by hand."""
     bare = baseline(make())
-    candidate = bs.Candidate("edge", {"node 2 x": 0.6, "node 2 y": 0.8})
-    place = PendulumPlace(candidate)
+    place = PendulumPlace(bs.Candidate("edge", {"node 2 x": 0.6, "node 2 y": 0.8}))
     made = hypothesis(bare, (place,))
     ratio, frequency, factor = 0.1, 2.0, 1.1
     values = {"k": factor, "mass ratio, pendulum edge": ratio, "frequency, pendulum edge": 2.0}
@@ -134,8 +133,7 @@ def test_a_place_that_no_sensor_sees_is_tried_and_said(fake_sampling, reduced):
 def test_a_reduced_structure_with_elements_is_searched_as_it_is(fake_sampling):
     fake_sampling(by_count(0.0, 1.0))
     loaded = matrices().reduced().with_element(bs.AddedMass(0.1, (("node 1 x", 1.0),)))
-    result = bs.search(baseline(loaded), ONE)
-    assert len(result.record.hypotheses) == 4
+    assert len(bs.search(baseline(loaded), ONE).record.hypotheses) == 4
     chosen = choose_baselines(bs.Study("s", [baseline(loaded)]))
     assert compact(chosen["b"], prior_draws).structure is loaded
 

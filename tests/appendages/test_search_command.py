@@ -5,7 +5,7 @@ import math
 import shutil
 
 import pytest
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 from searches import INFILL_01, INFILL_12, PENDULUM_1, by_count
 
 import bayes_ssi as bs
@@ -59,8 +59,7 @@ def test_a_baseline_is_named_and_results_go_to_runs(run, tiny_study_file, tmp_pa
 def test_all_classes_of_a_study_are_baselines(run, tiny_study_file, tmp_path, fake_sampling):
     fake_sampling(lambda made: 2.0 * made.name.startswith("each k")
                   - len(made.structure.appendages))  # fmt: skip
-    result = run("search", tiny_study_file, "--verbose", "--out", tmp_path / "r")
-    assert result.exit_code == 0, result.output
+    result = succeeded(run("search", tiny_study_file, "--verbose", "--out", tmp_path / "r"))
     text = " ".join(result.stdout.split())
     assert "Appendages hidden in 'Two storeys'" in text
     e = math.exp
@@ -180,8 +179,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     # As if hypotheses had been sampled that are not tried the next time.
     kept, *_ = (tmp_path / ".r.checkpoint").iterdir()
     shutil.copy(kept, kept.with_name("with_two_appendages"))
-    result = run(*arguments)
-    assert result.exit_code == 0, result.output
+    result = succeeded(run(*arguments))
     assert "an earlier run was interrupted; it is resumed" in result.stderr
     assert not (tmp_path / ".r.checkpoint").exists()
     assert {p.name for p in bs.load_result(out).posteriors} == {"no appendage", "infill 0-1"}

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 from searches import COARSE as OF_FEW
 from searches import exact_modes
 
@@ -217,8 +217,7 @@ def test_losses_multiply_parameters_of_the_tests_after():
     joined = choose_changes(study, ["a"], ["b"], joined=places)
     apart = choose_changes(study, ["a"], ["b"], places=places)
     for family, losses in ((joined, (0.2,)), (apart, (0.2, 0.1))):
-        lower = family.features["building"][0]
-        made = family.hypothesis(family.classes[0], (lower,), "lower")
+        made = family.hypothesis(family.classes[0], (family.features["building"][0],), "lower")
         before, after = (test.structure for test in made.configurations)
         assert before is BUILDING
         ours = after.modes(np.array([[1.1, 1.2, 1.3, *losses]])).frequencies_hz
@@ -230,12 +229,10 @@ def test_a_covariate_gives_every_test_its_part_of_the_common_loss():
     """Degrees 10 and 14 before, 24 and 6 after: the one farthest from 12 is 12 away."""
     degrees = {"a": 10, "b": 14, "c": 24, "d": 6}
     settings = bs.ChangeSettings(common_sd=0.03, covariate=degrees, losses_only=True)
-    same = dict.fromkeys("abcd", SAME)
-    study = bs.Study("s", [model_class(**same)])
+    study = bs.Study("s", [model_class(**dict.fromkeys("abcd", SAME))])
     family = choose_changes(study, ["a", "b"], ["c", "d"], settings)
     assert family.amounts == pytest.approx({"a": -1 / 6, "b": 1 / 6, "c": 1.0, "d": -0.5})
-    common = family.features["building"][-1]
-    made = family.hypothesis(family.classes[0], (common,), "common")
+    made = family.hypothesis(family.classes[0], (family.features["building"][-1],), "common")
     left = [test.structure.left(np.array([[1.0, 1.0, 2.0, 0.06]])) for test in made.configurations]
     assert np.concatenate(left)[:, 2] == pytest.approx([2.02, 1.98, 1.88, 2.06])
 
@@ -354,8 +351,7 @@ def test_the_command_saves_a_result_that_report_and_what_if_read(run, study_file
     out = tmp_path / "r"
     arguments = ("changes", study_file, "--from", "a", "--to", "b", "--most", 1, "--workers", 1,
                  "--losses-only")  # fmt: skip
-    result = run(*arguments, "--out", out, "--accept-failed-checks")
-    assert result.exit_code == 0, result.output
+    result = succeeded(run(*arguments, "--out", out, "--accept-failed-checks"))
     shown = " ".join(result.stdout.split())
     for words in ("Changes from a to b", "lost or added (%)", "Most probably it is k2"):
         assert words in shown
@@ -414,8 +410,7 @@ def test_simulated_tests_share_the_errors_that_the_class_says():
         hz.append([test.data.mode("1").frequency_hz for test in (before, after)])
         shapes.append([test.data.mode("1").shape for test in (before, after)])
     logs = np.log(hz)
-    spread = np.sqrt(0.1**2 + 0.002**2)
-    assert logs.std() == pytest.approx(spread, rel=0.1)
+    assert logs.std() == pytest.approx(np.sqrt(0.1**2 + 0.002**2), rel=0.1)
     apart = np.sqrt(2.0 * (0.04 * 0.1**2 + 0.002**2))
     assert np.diff(logs, axis=1).std() == pytest.approx(apart, rel=0.1)
     of_shapes = np.sqrt(2.0 * (0.04 * 0.1**2 + 0.01**2))
@@ -434,8 +429,7 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     family.features["building"] = family.features["building"][:1]
     hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), most_full=0)
     (nothing,) = [each for key, each in hypotheses.items() if not key.features]
-    visible = smallest_losses(family, nothing, 0, bs.Run())
-    ((place, smallest),) = visible.items()
+    ((place, smallest),) = smallest_losses(family, nothing, 0, bs.Run()).items()
     assert 0.01 < smallest < 0.2
     unchanged, screened, baseline = nothing.model_class, nothing.screened, nothing.key.baseline
     changed = family.hypothesis(unchanged, (place,), place.name)

@@ -7,7 +7,7 @@ import sys
 from importlib.metadata import version
 
 import pytest
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.results.stored_result import load_result
@@ -42,8 +42,7 @@ def study_file(tiny_study_file):
 
 def test_rank(run, tiny_study_file, tmp_path):
     out = tmp_path / "result"
-    result = run("rank", tiny_study_file, "--seed", 7, "--out", out)
-    assert result.exit_code == 0
+    result = succeeded(run("rank", tiny_study_file, "--seed", 7, "--out", out))
     assert result.stderr == "sampled one k\nsampled each k\n"
     for words in ("one k", "each k", f"Saved in {out}. Everything, with figures, on one page:"):
         assert words in result.stdout
@@ -152,8 +151,7 @@ def test_calibrate_says_what_is_not_unique(run, tiny_study_file):
 
 def test_calibrate_says_what_is_not_determined(run, study_file):
     path = study_file(('pairing = {"1": 1, "2": 2}', 'pairing = {"1": 1}'))
-    result = run("calibrate", path, "--class", "each k", "--shape-weight", "0")
-    assert result.exit_code == 0
+    result = succeeded(run("calibrate", path, "--class", "each k", "--shape-weight", "0"))
     assert "1 direction(s) of the parameters undetermined" in result.stdout
     assert result.stdout.count("not determined") == 2
     with_prior = run("calibrate", path, "--class", "each k", "--with-prior", "--starts", 4)
@@ -172,8 +170,7 @@ def test_calibrate_says_that_correlations_of_errors_do_not_count(run, study_file
 
 def test_check_warns_of_doubtful_data(run, tmp_path):
     swapped = CSV.replace("1,0.618", "1,2.618").replace("0.8507,-0.5257", "0.8507,")
-    result = run("check", written(tmp_path / "swapped.csv", swapped))
-    assert result.exit_code == 0
+    result = succeeded(run("check", written(tmp_path / "swapped.csv", swapped)))
     assert "(!) mode '2': shape at one sensor only" in result.stdout
     assert "No warnings." not in result.stdout
     assert "No warnings." in run("check", written(tmp_path / "modes.csv")).stdout
@@ -200,8 +197,7 @@ def test_bad_studies(run, study_file, case):
     replacements = [item for item in case if isinstance(item, tuple)]
     words = [item for item in case if isinstance(item, str)]
     path = study_file(*replacements)
-    result = run("rank", path)
-    assert_one_line_error(result, *words)
+    assert_one_line_error(run("rank", path), *words)
     assert not list(path.parent.glob("work/*")), "nothing is written"
 
 
@@ -228,8 +224,7 @@ def test_rank_over_all_pairings(run, study_file, tmp_path):
     new = '(K * k, K * k)), modes, error,\n                      pairing={"1": 2, "2": 1}),'
     path = study_file((old, new))
     options = ("--any-pairing", "--accept-failed-checks", "--verbose", "--out", tmp_path / "r")
-    result = run("rank", path, *options)
-    assert result.exit_code == 0, result.output
+    result = succeeded(run("rank", path, *options))
     assert "Modes of 'one k or each k':" in result.stdout
     assert "identified mode 1 is model mode 1 with probability" in result.stdout
     (posterior,) = load_result(tmp_path / "r").posteriors
@@ -241,8 +236,7 @@ def test_help_lists_commands_whole_in_the_order_of_work_and_the_version_is_print
     lines = run("--help").stdout.split("Commands:")[1]
     assert "…" not in lines
     assert "..." not in lines
-    names = re.findall(r"^  (\S+)", lines, re.M)
-    assert names[:3] == ["new", "import", "identify"]
+    assert re.findall(r"^  (\S+)", lines, re.M)[:3] == ["new", "import", "identify"]
     assert version("bayes_ssi") in run("--version").stdout
     command = [sys.executable, "-m", "bayes_ssi", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -285,8 +279,7 @@ def test_check_says_what_to_do_with_a_study_or_a_result(run, tiny_study_file, tm
 
 
 def test_export_of_a_structure_without_nodes_writes_its_parameters(run, tiny_result, tmp_path):
-    result = run("export", tiny_result.directory, "--out", tmp_path / "updated")
-    assert result.exit_code == 0
+    result = succeeded(run("export", tiny_result.directory, "--out", tmp_path / "updated"))
     assert "No modes at nodes are written: no degree of freedom is labelled" in result.stdout
     (written,) = (tmp_path / "updated").iterdir()
     assert written.read_text("utf-8").startswith("name,most_probable,mean")
@@ -294,8 +287,7 @@ def test_export_of_a_structure_without_nodes_writes_its_parameters(run, tiny_res
 
 def test_check_takes_the_band_of_modes_that_do_not_state_it(run, tmp_path):
     (tmp_path / "m.csv").write_text("Mode;Frequency [Hz];Damping [%];roof\n1;1,5;1,2;1\n")
-    done = run("check", tmp_path / "m.csv", "--band", 0, 6)
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("check", tmp_path / "m.csv", "--band", 0, 6))
     assert "Band: 0 to 6 Hz. Sensors: roof." in done.output
     assert_one_line_error(run("check", tmp_path / "m.csv"), "m.csv: no band; add a line such as")
     (tmp_path / "r.csv").write_text("# rate_hz, 9\nA (g),A (g)\n1,2\n2,1\n3,3\n")

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 from identified_records import identified
 from simulated_records import simulated_record, with_infill
 
@@ -94,8 +94,7 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
     out = tmp_path / "modes.csv"
     figures = tmp_path / "figures"
     to = ["--out", out, "--figures", figures]
-    done = run(path, *BAND, "--quantity", "acceleration", *to, "--json")
-    assert done.exit_code == 0
+    done = succeeded(run(path, *BAND, "--quantity", "acceleration", *to, "--json"))
     record = json.loads(done.stdout)
     assert [len(peak["frequencies_hz"]) for peak in record["peaks"]] == [1, 1, 1, 1]
     assert sorted(file.stem for file in figures.iterdir()) == [

@@ -9,7 +9,7 @@ import pytest
 import scipy.io
 import scipy.linalg
 from click.testing import CliRunner
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 from searches import exact_modes
 
 import bayes_ssi as bs
@@ -96,8 +96,7 @@ def test_a_study_from_exports():
     changed = ("--changed", "lower=1.2:lower.sti", "--changed", "upper=0.8:upper.sti")
     check = ("--check", "lower=0.9,upper=1.3:both.sti")
     data = ("--data", "modes.csv", "--units", "N, m")
-    done = run("tower", "--nominal", "tower.sti", *changed, *check, *data)
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("tower", "--nominal", "tower.sti", *changed, *check, *data))
     lines = done.output.splitlines()
     # All bricks are in one of the halves: nothing is constant.
     assert "K = lower K_lower + upper K_upper" in lines
@@ -118,12 +117,10 @@ def test_a_study_from_exports():
 
 
 def test_sensors_of_other_names_and_data_to_come(folder):
-    done = run("later", *FRAME, "--sensor", "roof=2 x")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("later", *FRAME, "--sensor", "roof=2 x"))
     assert "(!) No --check" in done.output
     assert "Put the modes into later.csv." in done.output
-    text = (folder / "later.py").read_text("utf-8")
-    assert '    "roof": "2 x",\n' in text
+    assert '    "roof": "2 x",\n' in (folder / "later.py").read_text("utf-8")
     (folder / "later.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,roof\n1,1.9,1\n")
     assert bs.load_study("later.py").model_classes[1].structure.degrees_of_freedom == ("roof",)
 
@@ -132,8 +129,7 @@ def test_several_tests_are_configurations(folder):
     """With the sensors of each, and elements put on one of them by hand."""
     (folder / "light.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,roof\n1,1.9,1\n")
     data = ("--data", "as built=modes.csv", "--data", "with a tank=light.csv")
-    done = run("both", *FRAME, *data, "--sensor", "roof=2 x")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("both", *FRAME, *data, "--sensor", "roof=2 x"))
     assert done.output.count("bayes-ssi check") == 2
     text = (folder / "both.py").read_text("utf-8")
     tank = 'bs.AddedMass(2500.0, (("2 x", 1.0),))'
@@ -188,8 +184,7 @@ def test_sensors_by_coordinates():
     arguments = ("tower", "--nominal", "tower.sti", "--changed", "lower=1.2:lower.sti")
     refused = run(*arguments, "--data", "modes.csv", "--points", "mm.csv")
     assert_one_line_error(refused, "times 0.001 (mm to m): give them in the model's unit")
-    done = run(*arguments, "--data", "modes.csv", "--points", "m.csv")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run(*arguments, "--data", "modes.csv", "--points", "m.csv"))
     assert "340 x: 340 x, 0.01 away" in done.output.splitlines()
     assert "Nominal frequencies: 1.943, 2.716, 12.1, 16.8 Hz" in done.output
     assert "(!) with" not in done.output
@@ -201,8 +196,7 @@ def test_the_band_of_a_universal_file_is_the_studys(folder):
     moved[0, :, 0] = 0.5, 1.0
     modes = NodalModes(("1", "2"), np.full((2, 3), np.nan), None, np.array([1.9]), moved)
     write_universal_file(Path("modes.uff"), modes, "two storeys")
-    done = run("uff_study", *FRAME, "--data", "modes.uff", "--band", "0.5", "17")
-    assert done.exit_code == 0, done.output
+    succeeded(run("uff_study", *FRAME, "--data", "modes.uff", "--band", "0.5", "17"))
     data = bs.load_study(folder / "uff_study.py").model_classes[0].data
     assert data.band_hz == (0.5, 17.0)
     assert data.sensors == ("1 x", "2 x")
@@ -222,8 +216,7 @@ def test_sensors_on_a_rigid_diaphragm(tmp_path, monkeypatch):
             Path(f"{name}.{ending}").write_text(f"headings\n{text}")
     Path("modes.csv").write_text("# band_hz,0,9\nlabel,frequency_hz,5 x,D x\n1,3.2,1,0.98\n")
     changed = ("--changed", "sway=1.1:s.TXK", "--changed", "twist=1.2:t.TXK")
-    done = run("floor", "--nominal", "f.TXK", *changed, "--data", "modes.csv")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("floor", "--nominal", "f.TXK", *changed, "--data", "modes.csv"))
     assert "1 rows are added for displacements of constraints" in done.output.splitlines()
     structure = bs.load_study("floor.py").model_classes[1].structure
     stiffness = np.array([[4.4e5, 1e4], [1e4, 9e6 * 0.9]])
@@ -246,8 +239,7 @@ def test_nothing_is_overwritten(folder, taken):
 
 @pytest.mark.usefixtures("folder")
 def test_one_export_has_one_factor_and_names_are_checked_before_it_is_read():
-    done = run("one", "--nominal", "frame.sti", "--data", "modes.csv")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("one", "--nominal", "frame.sti", "--data", "modes.csv"))
     assert "K = stiffness K_stiffness" in done.output
     (only,) = bs.load_study(Path("one.py")).model_classes
     (modes,) = (each.structure.modes(np.array([[2.0]])) for each in only.configurations)
@@ -267,8 +259,7 @@ def test_rows_without_labels_are_numbered_where_told_so(tmp_path, monkeypatch):
     Path("modes.csv").write_text("# band_hz,0,18\nlabel,frequency_hz,dof 2\n1,1.9,1\n")
     one = ("one", "--nominal", "frame.npz", "--data", "modes.csv")
     assert_one_line_error(run(*one), "or --number-rows for 'dof 1'")
-    done = run(*one, "--number-rows")
-    assert done.exit_code == 0, done.output
+    succeeded(run(*one, "--number-rows"))
     assert bs.read_model("frame.npz", numbered=True).labels == ("dof 1", "dof 2")
     with pytest.raises(ValueError, match="numbers do not say which rows are rotations"):
         bs.read_model("frame.npz", numbered=True, units="N, mm")
@@ -286,8 +277,7 @@ def test_weights_in_place_of_masses_are_recognised(tmp_path, monkeypatch):
 
 def test_nine_digits_make_no_matrix_of_rounding(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(0)
-    half = rng.standard_normal((6, 6))
+    half = np.random.default_rng(0).standard_normal((6, 6))
     stiffness = half @ half.T + np.eye(6)
     for name, factor in (("a", 1.0), ("b", 1.1)):
         printed = np.vectorize(lambda x: float(f"{x:.8e}"))(factor * stiffness)
@@ -314,8 +304,7 @@ def options(files):
 def test_a_format_by_one_command(written):
     files = {name: written(name, stiffness(*factors)) for name, factors in FACTORS.items()}
     labels = () if written is calculix else ("--labels", "labels.txt")
-    done = run(*options(files), *FORMATS[written], *labels)
-    assert done.exit_code == 0, done.output
+    succeeded(run(*options(files), *FORMATS[written], *labels))
     structure = bs.load_study("frame.py").model_classes[-1].structure
     assert {parameter.name for parameter in structure.parameters} == {"lower", "upper"}
     values = {"lower": 1.3, "upper": 0.7}

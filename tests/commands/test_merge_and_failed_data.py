@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import TINY_STUDY, assert_one_line_error
+from conftest import TINY_STUDY, assert_one_line_error, succeeded
 from identified_records import identified
 from searches import by_count
 
@@ -26,8 +26,7 @@ def files(tmp_path):
 
 def test_setups_become_one_file(run, files, tmp_path):
     out = tmp_path / "merged.csv"
-    done = run("merge", *files, "--out", out, "--json")
-    assert done.exit_code == 0
+    done = succeeded(run("merge", *files, "--out", out, "--json"))
     modes = bs.read_modal_data(out)
     assert modes.sensors == ("a", "b", "c")
     (mode,) = modes.modes

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from code_blocks import ROOT
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 
 from bayes_ssi.commands.new import KINDS
 from bayes_ssi.studies.ranking.study import load_study
@@ -16,12 +16,8 @@ from bayes_ssi.studies.ranking.study import load_study
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_new_study_runs(run, kind):
-    done = run("new", "mine", "--kind", kind)
-    assert done.exit_code == 0, done.output
-    assert "bayes-ssi rank mine.py" in done.output
-    checked = run("check", "mine.csv")
-    assert checked.exit_code == 0
-    assert "No warnings." in checked.output
+    assert "bayes-ssi rank mine.py" in succeeded(run("new", "mine", "--kind", kind)).output
+    assert "No warnings." in succeeded(run("check", "mine.csv")).output
     study = load_study("mine.py")
     one, each = study.model_classes
     assert study.mass_unit == "t"
@@ -30,8 +26,7 @@ def test_a_new_study_runs(run, kind):
     for candidate in study.model_classes:
         candidate.check_structure()
     # The second storey is 20 % softer: this, and not the nominal building, fits.
-    values = np.array([[1.0, 0.8, 1.0], [1.0, 1.0, 1.0]])
-    actual = each.log_likelihood(values)
+    actual = each.log_likelihood(np.array([[1.0, 0.8, 1.0], [1.0, 1.0, 1.0]]))
     assert actual[0] > actual[1] + 10.0
 
 
@@ -39,8 +34,7 @@ def test_a_new_study_runs(run, kind):
     "name", ["2 storeys ü", "it's", 'a"""b', "back\\slash", "$HOME;ls", "v1.2"]
 )
 def test_suggested_commands_are_quoted_for_a_shell(run, name):
-    done = run("new", name)
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("new", name))
     suggested = [shlex.split(line) for line in done.stdout.splitlines()[1:]]
     assert suggested == [["bayes-ssi", "check", f"{name}.csv"], ["bayes-ssi", "rank", f"{name}.py"]]
     assert run(*suggested[0][1:]).exit_code == 0
@@ -62,9 +56,7 @@ def test_nothing_is_overwritten(run):
 def test_a_study_of_modes_that_are_there(run):
     text = "# band_hz,0,9\nlabel,frequency_hz,floor 1,floor 3\n1,1.1,0.4,1\n2,2.9,1,-0.5\n3,4,1,0\n"
     Path("mine.csv").write_text(text)
-    done = run("new", "mine")
-    assert done.exit_code == 0, done.output
-    assert "are named 'floor 1', 'floor 3', and say" in done.output
+    assert "are named 'floor 1', 'floor 3', and say" in succeeded(run("new", "mine")).output
     assert Path("mine.csv").read_text() == text
     assert load_study("mine.py").model_classes[0].data.frequencies_hz.tolist() == [1.1, 2.9, 4.0]
     assert run("new", "mine").stderr == "Error: mine.py: exists already and is not overwritten\n"

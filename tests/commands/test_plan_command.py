@@ -4,7 +4,7 @@ import json
 
 import pytest
 from code_blocks import ROOT
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 
 import bayes_ssi as bs
 
@@ -14,8 +14,7 @@ FAST = ("--tests", 60, "--draws", 150)
 
 def test_plan_prints_layouts_and_saves_the_form(run, tmp_path):
     out = tmp_path / "plan"
-    done = run("plan", STUDY, "--sensors", 2, "--out", out, *FAST)
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("plan", STUDY, "--sensors", 2, "--out", out, *FAST))
     printed = " ".join(done.stdout.split())
     for words in (
         "Layouts of 2 sensors",
@@ -24,8 +23,7 @@ def test_plan_prints_layouts_and_saves_the_form(run, tmp_path):
         "Before any test, the layout of 2 sensors that says most about which of the 2 model",
     ):
         assert words in printed
-    record = json.loads((out / "plan.json").read_text("utf-8"))
-    sensors = record["layouts"][0]["sensors"]
+    sensors = json.loads((out / "plan.json").read_text("utf-8"))["layouts"][0]["sensors"]
     assert sensors == (out / "modes.csv").read_text("utf-8").splitlines()[2].split(",")[5:]
 
 
@@ -69,8 +67,7 @@ def first_hz(structure, values):
     more = ("--added-mass", "floor 1=0.5", "--json", *FAST)
     gains = []
     for aim in ("k", "first_hz"):
-        done = run("plan", study, "--sensors", 1, "--aim", aim, *more)
-        assert done.exit_code == 0, done.output
+        done = succeeded(run("plan", study, "--sensors", 1, "--aim", aim, *more))
         plan = json.loads(done.stdout)["plan"]
         assert plan["aim"] == aim
         assert list(plan["alternatives"]) == ["no mass added", "0.5 added at floor 1"]

@@ -6,13 +6,10 @@ import shutil
 import matplotlib as mpl
 import numpy as np
 import pytest
-from conftest import TINY_STUDY, assert_one_line_error
+from conftest import TINY_STUDY, assert_one_line_error, succeeded
 from whole_tables import rows_of_csv as rows
 
-from bayes_ssi.measurements.records.record_files import read_ground_motion
-from bayes_ssi.results.predictions.predictions import load_predictions
-from bayes_ssi.results.stored_result import load_result, save_result
-from bayes_ssi.structures.response import Output
+import bayes_ssi as bs
 
 mpl.use("Agg")
 
@@ -43,14 +40,14 @@ def test_from_elsewhere_the_study_and_its_data_are_found(run, tiny_ranking, tmp_
     (tmp_path / "data.txt").touch()
     (tmp_path / "results").mkdir()
     out = tmp_path / "results" / "tiny"
-    save_result(tiny_ranking, out, study_file="studies/tiny.py")
+    bs.save_result(tiny_ranking, out, study_file="studies/tiny.py")
     assert run("predict", out, "--draws", 5, "--transfer", "none").exit_code == 0
     monkeypatch.chdir(out)
     assert run("predict", ".", "--draws", 5, "--out", tmp_path / "p").exit_code == 0
 
 
 def test_modes_alone_of_no_more_draws_than_are_stored(predict, saved, tmp_path):
-    n_stored = max(len(each.values) for each in load_result(saved).posteriors)
+    n_stored = max(len(each.values) for each in bs.load_result(saved).posteriors)
     result = predict("--draws", 10**8, "--class", "one k", "--transfer", "none")
     assert f"{n_stored} stored draws; nothing was sampled" in result.stdout
     assert f"(!) --draws 100000000: no more than {n_stored} draws are stored." in result.stdout
@@ -67,9 +64,8 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_target", refuse)
     (tmp_path / "tiny.py").write_text(TINY_STUDY, "utf-8")
     out = tmp_path / "result"
-    save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))
-    done = run("predict", out)
-    assert done.exit_code == 0, done.output
+    bs.save_result(tiny_ranking, out, study_file=str(tmp_path / "tiny.py"))
+    done = succeeded(run("predict", out))
     text = " ".join(done.stdout.split())
     for words in (
         "Two storeys: 1000 stored draws; nothing was sampled.",
@@ -91,7 +87,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
     record = json.loads((out / "predictions" / "predictions.json").read_text("utf-8"))
     assert (record["damping"], record["draws"]) == (0.02, 1000)
     # A result that holds predictions is still one.
-    assert load_predictions(out).n_draws == 1000
+    assert bs.load_predictions(out).n_draws == 1000
 
 
 def test_all_options(predict, saved, tmp_path):
@@ -107,9 +103,9 @@ def test_all_options(predict, saved, tmp_path):
     for words in ("Damping: 1, 3 % mode by mode, as given.", "from a force at 'floor 2'",
                   "Record first: 4 samples, 0.5 s apart; peak 0.2 g.", "90 % band"):  # fmt: skip
         assert words in done.stdout
-    output = Output("drift", (("ground", "floor 1"), ("floor 1", "floor 2")))
-    own = load_predictions(saved, n_draws=40).of("one k")
-    histories = own.time_histories(read_ground_motion(files[0]), output, (0.01, 0.03))
+    output = bs.Output("drift", (("ground", "floor 1"), ("floor 1", "floor 2")))
+    own = bs.load_predictions(saved, n_draws=40).of("one k")
+    histories = own.time_histories(bs.read_ground_motion(files[0]), output, (0.01, 0.03))
     expected = np.quantile(np.abs(histories.draws).max(-1), [0.05, 0.5, 0.95], axis=0)
     actual = [row for row in rows(tmp_path / "out" / "peaks.csv")
              if (row["model_class"], row["of"]) == ("one k", "time history: first")]  # fmt: skip
@@ -130,8 +126,7 @@ def test_modes_alone_of_a_structure_without_masses(predict, monkeypatch):
         raise TypeError("its masses are not known; give influence=")
 
     monkeypatch.setattr("bayes_ssi.structures.lumped.LumpedStructure.modal_model", unknown)
-    done = predict()
-    assert done.exit_code == 0, done.output
+    done = succeeded(predict())
     assert "No transfer functions: how ground motion acts on the degrees of freedom" in done.stdout
     assert_one_line_error(predict("--transfer", "ground", "--overwrite"), "give influence=")
 
@@ -213,8 +208,7 @@ def test_a_result_that_is_incomplete(predict, saved, tmp_path):
 
 def test_the_change_is_shown(run, saved, monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
-    done = run("what-if", saved, "--prior", "k=Normal(1, 0.2)", "--weight", "one k=3")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("what-if", saved, "--prior", "k=Normal(1, 0.2)", "--weight", "one k=3"))
     assert "Changed: prior of 'k': LogNormal(median=1.0, cov=0.3) → Normal(" in done.stdout
     assert "Changed: prior weight of 'one k': 1 → 3." in done.stdout
     assert "'one k' is the most probable class before and after." in done.stdout

@@ -107,8 +107,7 @@ def test_without_its_line_the_covariance_is_not_used(csv):
 
 
 def _change(path, **changes):
-    record = json.loads(path.read_text())
-    path.write_text(json.dumps(record | changes))
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
 @pytest.mark.parametrize(

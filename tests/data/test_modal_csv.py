@@ -96,18 +96,12 @@ def test_every_form_gives_the_same_data(read, text):
     np.testing.assert_array_equal(second.shape, [-0.674, math.nan])
 
 
-def test_a_stated_delimiter_leaves_lines_their_numbers(read):
-    with pytest.raises(ValueError, match=r"modes.csv, line 4: frequency_hz: 'x' is not a number"):
-        read("sep=,\n" + HEAD + "1, x, 1, 1\n")
-
-
 @pytest.mark.parametrize(
     ("cell", "value"),
     [("0.3+0.1j", 0.3 + 0.1j), ("-3e-1 - 0.1i", -0.3 - 0.1j), ("2i", 2j), ("0.5", 0.5)],
 )
 def test_complex_components(read, cell, value):
-    shape = read(HEAD + f"1, 1.0, {cell}, 1j\n").modes[0].shape
-    assert shape.tolist() == [value, 1j]
+    assert read(HEAD + f"1, 1.0, {cell}, 1j\n").modes[0].shape.tolist() == [value, 1j]
 
 
 def test_complex_components_with_decimal_commas(read):
@@ -216,6 +210,9 @@ NO_NUMBER = "is not a number"
         (HEAD + "1, -1.0, 1, 2\n", "line 3: mode '1': frequency_hz must be .* got -1.0"),
         (HEAD + ", 1.0, 1, 2\n", "line 3: mode label must be text and not empty, got ''"),
         (HEAD + "1, 1,0, 1, 2\n", "line 3: 5 cells for 4 columns"),
+        ("sep=,\n" + HEAD + "1, x, 1, 1\n", f"line 4: frequency_hz: 'x' {NO_NUMBER}"),
+        (HEAD + "#1, 1.0, 1, 2\n2, 2.0, 1, 1\n", "line 3: a row beginning with '#' below"),
+        (HEAD + "# band_hz, 0, 9\n1,1", "line 3: a second line of band_hz; the first is line 1"),
         ("# band_hz, 0, 9\n" + HEAD + "1,1,1,1", r"line 2: a second line of band_hz; .* line 1"),
         ("# source: a\n# Source: b\n" + HEAD + "1,1,1,1", "line 2: a second line of source"),
         ("# band_hz, 0\n" + HEAD[16:] + "1,1,1,1", r"line 1: band_hz needs two .* \['0'\]"),
@@ -313,18 +310,14 @@ def test_nothing_is_overwritten(tmp_path, case_c):
     assert path.read_text() == "kept"
 
 
-def test_a_label_that_would_read_as_a_remark_is_refused(read):
+def test_a_label_that_would_read_as_a_remark_is_refused():
     with pytest.raises(ValueError, match=r"mode label may not begin with '#'.*'#1'"):
         bs.IdentifiedMode("#1", 1.0)
-    with pytest.raises(ValueError, match="line 3: a row beginning with '#' below"):
-        read(HEAD + "#1, 1.0, 1, 2\n2, 2.0, 1, 1\n")
 
 
 def test_keys_may_stand_below_the_column_names(read):
     data = read("label, frequency_hz\n# band_hz, 0, 6\n1, 1.0\n# source: a test\n")
     assert (data.band_hz, data.source) == ((0.0, 6.0), "a test")
-    with pytest.raises(ValueError, match="line 3: a second line of band_hz; the first is line 1"):
-        read(HEAD + "# band_hz, 0, 9\n1, 1.0, 1, 2\n")
 
 
 NODES = [11, 12, 13]

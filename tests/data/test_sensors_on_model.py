@@ -104,10 +104,8 @@ def test_shapes_that_are_none_of_the_models_are_said():
     """A tower that is soft 20° off x: along (cos, sin), which exchanged is (sin, cos)."""
     angle = math.radians(20.0)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    stiffness = np.kron(CHAIN, turn @ np.diag([1e3, 9e3]) @ turn.T)
-    model = model_of(stiffness)
-    vectors = np.linalg.eigh(CHAIN)[1]
-    sway = np.kron(vectors[:, 0], turn[:, 0][::-1])
+    model = model_of(np.kron(CHAIN, turn @ np.diag([1e3, 9e3]) @ turn.T))
+    sway = np.kron(np.linalg.eigh(CHAIN)[1][:, 0], turn[:, 0][::-1])
     data = bs.ModalData((bs.IdentifiedMode("1", 2.0, sway),), (0.0, 1e4), sensors=tuple(LABELS))
     # (sin, cos) · (cos, sin), squared; sway across is no mode as low.
     assert compared_with_nominal(model, data, PLACES)[-1] == (

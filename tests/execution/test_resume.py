@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from conftest import TINY_STUDY, assert_one_line_error
+from conftest import TINY_STUDY, assert_one_line_error, succeeded
 
 from bayes_ssi.inference.workers.cache import Cache
 from bayes_ssi.results.stored_result import load_result
@@ -31,9 +31,7 @@ class Command:
         return sorted(path.name for path in self.place.iterdir())
 
     def assert_resumed_to(self, ranking, *options):
-        done = self.run(*options)
-        assert done.exit_code == 0, done.stderr
-        assert done.stderr.splitlines()[0] == RESUMED
+        assert succeeded(self.run(*options)).stderr.splitlines()[0] == RESUMED
         assert self.left == ["r"], "and nothing else is left"
         stored = load_result(self.result)
         assert stored.comparison == ranking.comparison

@@ -13,12 +13,7 @@ from conftest import multiplier
 from scipy.sparse.linalg import splu
 
 import bayes_ssi as bs
-from bayes_ssi.structures.finite_elements.sparse_modes import (
-    count_below,
-    fill_reducing_order,
-    is_semidefinite,
-    lowest_modes,
-)
+from bayes_ssi.structures.finite_elements import sparse_modes
 from bayes_ssi.structures.modal import Eigenpairs, NoModesError, mac
 
 K3 = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
@@ -95,8 +90,7 @@ class TestModes:
     def test_as_many_modes_as_lie_in_the_band(self):
         expected = chain_hz(400, 12)
         top = float(expected[6]) / 1.2 * 1.001  # a fifth above it lies the seventh
-        structure = bs.MatrixStructure(chain(400), sp.eye_array(400), up_to_hz=top)
-        assert structure.n_modes == 7
+        assert bs.MatrixStructure(chain(400), sp.eye_array(400), up_to_hz=top).n_modes == 7
 
     def test_rows_do_not_depend_on_their_batch(self):
         k = multiplier("k")
@@ -132,24 +126,22 @@ def test_rows_are_ordered_for_sparse_factors():
     same = np.arange(matrix.shape[0])
     by_degree = entries(matrix, same, "MMD_AT_PLUS_A")
     assert by_degree < 0.5 * entries(matrix, same)
-    assert entries(matrix, fill_reducing_order(matrix)) == by_degree
+    assert entries(matrix, sparse_modes.fill_reducing_order(matrix)) == by_degree
 
 
 class TestCounting:
     def test_counts_by_inertia(self):
         stiffness, mass = membrane(12), sp.csc_array(sp.eye_array(144))
-        order = fill_reducing_order(stiffness)
+        order = sparse_modes.fill_reducing_order(stiffness)
         ordered = sp.csc_array(stiffness[order][:, order])
         line = 4.0 * np.sin(np.arange(1, 13) * math.pi / 26) ** 2
         eigenvalues = np.add.outer(line, line)
         for shift in (0.01, 0.503, 2.03, 5.07):
-            assert count_below(ordered, mass, shift) == (eigenvalues < shift).sum()
+            assert sparse_modes.count_below(ordered, mass, shift) == (eigenvalues < shift).sum()
 
     def test_a_mode_that_lanczos_overlooks_is_noticed(self, monkeypatch):
-        from bayes_ssi.structures.finite_elements import sparse_modes
-
         stiffness, mass = membrane(20), sp.csc_array(sp.eye_array(400))
-        order = fill_reducing_order(stiffness)
+        order = sparse_modes.fill_reducing_order(stiffness)
         ordered = sp.csc_array(stiffness[order][:, order])
         honest = sparse_modes._lanczos
 
@@ -160,23 +152,23 @@ class TestCounting:
 
         monkeypatch.setattr(sparse_modes, "_lanczos", forgetful)
         with pytest.raises(NoModesError, match="Sylvester"):
-            lowest_modes(ordered, mass, 4)
+            sparse_modes.lowest_modes(ordered, mass, 4)
 
     def test_semidefinite(self):
-        assert is_semidefinite(sp.csc_array(np.array([[1.0, -1.0], [-1.0, 1.0]])))
-        assert not is_semidefinite(sp.csc_array(np.array([[1.0, -2.0], [-2.0, 1.0]])))
-        assert not is_semidefinite(sp.csc_array(-np.eye(2)))
+        assert sparse_modes.is_semidefinite(sp.csc_array(np.array([[1.0, -1.0], [-1.0, 1.0]])))
+        assert not sparse_modes.is_semidefinite(sp.csc_array(np.array([[1.0, -2.0], [-2.0, 1.0]])))
+        assert not sparse_modes.is_semidefinite(sp.csc_array(-np.eye(2)))
 
 
 def test_a_large_consistent_mass_is_definite_and_with_one_negative_eigenvalue_it_is_not():
     mass = sp.diags_array([1 / 6, 2 / 3, 1 / 6], offsets=[-1, 0, 1], shape=(400, 400))
-    assert is_semidefinite(sp.csc_array(mass))
+    assert sparse_modes.is_semidefinite(sp.csc_array(mass))
     for seed in range(5):
         # Of the two ends of a link far apart, as an element with a wrong sign gives.
         i, k = np.random.default_rng(seed).choice(400, 2, replace=False)
         wrong = sp.csc_array(([0.4, 0.4, 0.4, 0.4], ([i, i, k, k], [i, k, i, k])), shape=(400, 400))
         assert np.linalg.eigvalsh((mass - wrong).toarray())[0] < 0.0
-        assert not is_semidefinite(sp.csc_array(mass - wrong))
+        assert not sparse_modes.is_semidefinite(sp.csc_array(mass - wrong))
 
 
 BAD = [

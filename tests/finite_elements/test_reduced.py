@@ -63,8 +63,7 @@ def test_is_small_and_right_over_the_prior(reduced):
 
 
 def test_bounds_are_zero_at_a_full_solution_but_for_rounding(reduced):
-    at_medians = reduced.bounds(reduced.prior_medians())
-    assert at_medians.frequency.max() < 1e-6
+    assert reduced.bounds(reduced.prior_medians()).frequency.max() < 1e-6
 
 
 def test_goes_on_where_it_is_not_accurate_enough(reduced, monkeypatch):

@@ -7,6 +7,7 @@ from scipy.special import logsumexp
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.target import log_standard_normal
+from bayes_ssi.results.hierarchy import populations
 from bayes_ssi.results.hierarchy.likelihood_fit import (
     averaged,
     fit_likelihood,
@@ -17,13 +18,6 @@ from bayes_ssi.results.hierarchy.likelihood_fit import (
     mapped,
     standard_form,
     sum_by_numbers,
-)
-from bayes_ssi.results.hierarchy.populations import (
-    Population,
-    PopulationPriors,
-    corrections,
-    log_likelihoods,
-    sample_population,
 )
 
 X = np.array([-1.2, -0.7, 0.1, 0.4, 1.4])
@@ -40,11 +34,11 @@ def fits():
 
 
 def population(varies, follows):
-    return Population("its name", ("a",), varies, follows, PopulationPriors())
+    return populations.Population("its name", ("a",), varies, follows, bs.PopulationPriors())
 
 
 def of_tests(fits, kind, values):
-    return log_likelihoods(kind, [fit.components for fit in fits], X, values)
+    return populations.log_likelihoods(kind, [fit.components for fit in fits], X, values)
 
 
 @pytest.mark.parametrize(("varies", "follows"), KINDS)
@@ -65,7 +59,7 @@ def test_the_likelihood_of_a_population_is_a_normal_density_of_the_data(fits, va
 @pytest.mark.parametrize(("varies", "follows"), KINDS)
 def test_the_evidence_of_a_population(fits, varies, follows):
     kind, settings = population(varies, follows), bs.SamplingSettings()
-    sampled = sample_population(kind, fits, X, 0, settings, lambda *_: None)
+    sampled = populations.sample_population(kind, fits, X, 0, settings, lambda *_: None)
     exact = exact_log_evidence(
         Y, OF_DATA, X, varies=varies, follows=follows, spread_prior=bs.HalfNormal(0.5), slope_sd=0.5
     )  # fmt: skip
@@ -76,7 +70,9 @@ def test_the_evidence_of_a_population(fits, varies, follows):
 
 def test_likelihoods_that_are_exact_need_no_correction(fits):
     for mean in (0.2, 5.0):
-        logs, errors = corrections(population(True, False), fits, X, np.array([[mean, 0.1]]))
+        logs, errors = populations.corrections(
+            population(True, False), fits, X, np.array([[mean, 0.1]])
+        )
         np.testing.assert_allclose(logs, 0.0, atol=1e-8)
         np.testing.assert_allclose(errors, 0.0, atol=1e-8)
 
@@ -89,7 +85,7 @@ def test_draws_correct_components_that_are_wrong(fits):
         moved = mapped(fit.components, np.array([-0.03]), np.ones(1))
         ratios = fit.log_ratios + log_sum(fit.components, fit.z) - log_sum(moved, fit.z)
         shifted.append(fit._replace(components=moved, second=fit.components, log_ratios=ratios))
-    logs, errors = corrections(kind, shifted, X, values)
+    logs, errors = populations.corrections(kind, shifted, X, values)
     off = of_tests(shifted, kind, values) - of_tests(fits, kind, values)
     left = off + logs
     assert np.abs(off).max() > 0.02

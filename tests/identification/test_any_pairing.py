@@ -88,8 +88,7 @@ def test_it_is_the_sum_over_every_pairing(
     values = model.values(z)
     if modes.covariance is not None:
         mode_of = np.r_[np.arange(4), np.repeat(np.arange(4), 3)]
-        same = np.equal.outer(mode_of, mode_of)
-        modes = replace(modes, covariance=modes.covariance * same)
+        modes = replace(modes, covariance=modes.covariance * np.equal.outer(mode_of, mode_of))
     expected = over_every_pairing(model, modes, values)
     np.testing.assert_allclose(model.log_likelihood(values), expected, rtol=1e-11)
 
@@ -149,8 +148,7 @@ def test_where_the_structure_has_no_modes_there_is_no_likelihood(crossing_data, 
 
 
 def test_parameters_are_those_of_everything_that_could_be_paired(rigid, case_c, partial_data):
-    size = bs.Parameter("s", bs.LogNormal(0.05, 1.0))
-    error = bs.ErrorModel(0.01, size)
+    error = bs.ErrorModel(0.01, bs.Parameter("s", bs.LogNormal(0.05, 1.0)))
 
     def names(data):
         return bs.ModelClass("any", rigid, data, error, pairing="any").parameter_names
@@ -202,8 +200,7 @@ def test_classes_that_differ_in_anything_else_stay_apart(rigid, case_c, fixed_er
         bs.ModelClass("data", rigid, case_c.without_shapes(), fixed_error, pairing=pairing),
         bs.ModelClass("b", rigid, case_c, fixed_error, pairing={"1": 2}),
     ]
-    names = bs.Study("s", classes).with_any_pairing().names
-    assert names == ("a or b", "error", "p_D", "data")
+    assert bs.Study("s", classes).with_any_pairing().names == ("a or b", "error", "p_D", "data")
 
 
 def test_the_probability_of_a_pairing_is_its_share_of_the_likelihood(rigid, case_c, fixed_error):

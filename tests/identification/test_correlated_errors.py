@@ -12,12 +12,7 @@ from scipy.stats import chi2
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import log_chi_square, misfit
-from bayes_ssi.inference.likelihood.joint_errors import (
-    ErrorGroup,
-    JointErrors,
-    ModeOfTest,
-    Separation,
-)
+from bayes_ssi.inference.likelihood import joint_errors
 from bayes_ssi.inference.posterior.model_at_draws import at_draws, datum_terms
 from bayes_ssi.studies.ranking.checks import ranked
 
@@ -124,7 +119,7 @@ def test_joint_identification_errors_and_correlated_prediction_errors_at_once(na
             distance = dense.residuals @ np.linalg.solve(dense.covariance, dense.residuals)
             assert squares[k] == pytest.approx(distance, rel=1e-9)
         # Of the same modes in another state, given the frequencies.
-        further = [ModeOfTest(3, "mode 3", 3), ModeOfTest(3, "mode 2", 2)]
+        further = [joint_errors.ModeOfTest(3, "mode 3", 3), joint_errors.ModeOfTest(3, "mode 2", 2)]
         of_frequencies = [i for i, kind in enumerate(dense.kinds) if kind[3] == "frequency"]
         kinds = [(*mode, "frequency", None) for mode in further]
         between = np.array([[dense.prediction(dense.kinds[i], b) for b in kinds]
@@ -328,8 +323,7 @@ def test_a_stored_result_keeps_the_joint_errors(augmented, tmp_path, make_poster
     names, digest = joint.parameter_names, joint.data_digest
     posteriors = [make_posterior("joint", names=names, data_digest=digest)]
     study, settings = bs.Study("joint", [joint]), bs.SamplingSettings()
-    ranking = ranked(study, posteriors, 0, settings, bs.Run())
-    bs.save_result(ranking, tmp_path / "result")
+    bs.save_result(ranked(study, posteriors, 0, settings, bs.Run()), tmp_path / "result")
     stored = bs.load_result(tmp_path / "result")
     np.testing.assert_array_equal(stored.data.covariance, data.covariance)
     record = stored.record.model_class("joint").configurations[0]
@@ -339,8 +333,8 @@ def test_a_stored_result_keeps_the_joint_errors(augmented, tmp_path, make_poster
 @pytest.mark.parametrize("rounding", [0.0, 1e-40, 1e-20])
 def test_a_direction_without_error_says_nothing_of_frequencies_but_by_rounding(rounding):
     zero = np.zeros((1, 1))
-    errors = JointErrors(
-        frequencies=ErrorGroup([0], zero + 4.0, Separation(zero, zero)),
+    errors = joint_errors.JointErrors(
+        frequencies=joint_errors.ErrorGroup([0], zero + 4.0, joint_errors.Separation(zero, zero)),
         shapes=[0],
         variances=np.array([2.0, rounding]),
         axes=np.eye(2)[None],

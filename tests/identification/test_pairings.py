@@ -9,12 +9,7 @@ import pytest
 from scipy.special import logsumexp
 
 from bayes_ssi.inference.likelihood import pairings
-from bayes_ssi.inference.likelihood.pairings import (
-    PairingWeights,
-    log_sum,
-    pair_probabilities,
-    sample_pairings,
-)
+from bayes_ssi.inference.likelihood.pairings import PairingWeights, log_sum, sample_pairings
 
 
 def left_out(some):
@@ -213,14 +208,14 @@ def test_probabilities_of_pairs_are_those_of_the_matchings(shape):
         for j, i in enumerate(pairing):
             if i >= 0:
                 expected[:, j, i] += share
-    np.testing.assert_allclose(pair_probabilities(some), expected, rtol=1e-11)
+    np.testing.assert_allclose(pairings.pair_probabilities(some), expected, rtol=1e-11)
     # A row of which one ratio is NaN has none, and the others keep theirs.
     some.log_ratios[1, 0, 0], expected[1] = np.nan, np.nan
-    np.testing.assert_allclose(pair_probabilities(some), expected, rtol=1e-11)
+    np.testing.assert_allclose(pairings.pair_probabilities(some), expected, rtol=1e-11)
 
 
 def test_probabilities_of_pairs_in_conflict():
-    computed = pair_probabilities(weights([[[900.0], [900.0 + math.log(3.0)]]]))
+    computed = pairings.pair_probabilities(weights([[[900.0], [900.0 + math.log(3.0)]]]))
     np.testing.assert_allclose(computed[0, :, 0], [0.25, 0.75], rtol=1e-10)
 
 
@@ -250,4 +245,4 @@ def test_with_nothing_to_pair_all_drawn_modes_are_spurious(n_data, n_model):
     drawn = sample_pairings(some, np.random.default_rng(23))
     assert drawn.shape == (2, n_data)
     assert (drawn == -1).all()
-    assert pair_probabilities(some).shape == (2, n_data, n_model)
+    assert pairings.pair_probabilities(some).shape == (2, n_data, n_model)

@@ -176,8 +176,7 @@ def test_a_small_error_of_the_shape(sd):
 
 def test_errors_below_rounding_leave_the_best_turn():
     """The logarithm of a mean of exp(-distance/σ²) tends to the least distance, over -σ²."""
-    rng = np.random.default_rng(2)
-    model, shapes = rng.standard_normal((2, 2, 3, 50))
+    model, shapes = np.random.default_rng(2).standard_normal((2, 2, 3, 50))
     shapes /= np.sqrt((shapes**2).sum(axis=1, keepdims=True))
     turning = turning_shapes(model, shapes, np.full((2, 50), 1e-13))
     turned = Turned.of(np.full(50, 1e-9), turning)

@@ -4,16 +4,16 @@ import itertools
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import importance
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from conftest import assert_one_line_error, succeeded
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
-from bayes_ssi.cli import main
 from bayes_ssi.inference.calibration.least_squares import NothingToCalibrateError
 from bayes_ssi.inference.criticism.misfit import edges
 from bayes_ssi.inference.sampling.target import log_standard_normal
@@ -63,8 +63,7 @@ def columns(model_class, values, of):
 
 @pytest.fixture
 def draws():
-    z = np.random.default_rng(5).standard_normal((40, 2))
-    return joint().values(z)
+    return joint().values(np.random.default_rng(5).standard_normal((40, 2)))
 
 
 @pytest.mark.parametrize("pairing", [PAIRS, "any"])
@@ -289,19 +288,13 @@ study = bs.Study("Was a mass added?", [hypothesis("yes", frame.with_element(mass
 """
 
 
-def test_a_study_of_two_configurations_from_the_command_line(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "masses.py").write_text(STUDY, encoding="utf-8")
-    run = CliRunner().invoke(main, ["rank", "masses.py", "--out", "r", "--error", "0.05"])
-    assert run.exit_code == 0, run.output
+def test_a_study_of_two_configurations_from_the_command_line(run):
+    Path("masses.py").write_text(STUDY, encoding="utf-8")
+    succeeded(run("rank", "masses.py", "--out", "r", "--error", "0.05"))
     result = bs.load_result("r")
     assert result.comparison.best.name == "yes"
     assert list(result.tests) == ["bare", "with/mass"]
-    assert (tmp_path / "r" / "data" / "with_mass.csv").is_file()
-    again = CliRunner().invoke(main, ["calibrate", "masses.py", "--class", "yes"])
-    assert again.exit_code == 0, again.output
-    assert "with/mass: 1" in again.output
-    hidden = CliRunner().invoke(main, ["search", "masses.py", "--in", "with", "--out", "s"])
-    assert hidden.exit_code == 2
-    assert "'with/mass'" in hidden.output
-    assert not (tmp_path / "s").exists()
+    assert Path("r/data/with_mass.csv").is_file()
+    assert "with/mass: 1" in succeeded(run("calibrate", "masses.py", "--class", "yes")).output
+    assert_one_line_error(run("search", "masses.py", "--in", "with", "--out", "s"), "'with/mass'")
+    assert not Path("s").exists()

@@ -99,8 +99,7 @@ def test_rows_of_the_studies(model_class):
 )
 @pytest.mark.parametrize("element", ELEMENTS.values(), ids=ELEMENTS)
 def test_rows_with_every_kind_of_element(element, shapes, error):
-    structure = building(3, element)
-    assert_rows_are_independent(explained(structure, error, (3, 1, 2), shapes))
+    assert_rows_are_independent(explained(building(3, element), error, (3, 1, 2), shapes))
 
 
 @pytest.mark.parametrize("error", [FIXED, bs.ErrorModel()], ids=["fixed", "free"])
@@ -157,8 +156,7 @@ TWELVE = tuple(range(1, 13))
 )
 def test_rows_of_a_tall_building(numbers, shapes, error):
     """Sums of eight terms and more, which numpy may add up in different orders."""
-    structure = building(12)
-    assert_rows_are_independent(explained(structure, error, numbers, shapes))
+    assert_rows_are_independent(explained(building(12), error, numbers, shapes))
 
 
 def test_rows_that_break_down_leave_the_others_alone():

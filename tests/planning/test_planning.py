@@ -16,13 +16,8 @@ from bayes_ssi.inference.likelihood.shape_density import log_shape_survival, log
 from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.place_plots import plot_layout
 from bayes_ssi.report.tables.plan_tables import layout_rows
+from bayes_ssi.studies.planning import layout_values
 from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
-from bayes_ssi.studies.planning.layout_values import (
-    SimulatedPlan,
-    class_gains,
-    effective_independence,
-    served_layouts,
-)
 from bayes_ssi.studies.planning.planned_class import PlannedClass, shape_distances
 
 BAND = (0.0, 6.0)
@@ -76,17 +71,17 @@ def planned(study, names=FLOORS):
 def simulated_plan(classes, n_tests, n_draws, seed):
     """Of layouts of two sensors."""
     free = tuple(range(len(classes[0].candidates)))
-    layouts = served_layouts((), free, 2, seed)
-    return SimulatedPlan.of(classes, layouts, n_tests, n_draws, seed)
+    layouts = layout_values.served_layouts((), free, 2, seed)
+    return layout_values.SimulatedPlan.of(classes, layouts, n_tests, n_draws, seed)
 
 
 def test_draws_serve_layouts_that_a_plan_can_have():
     """Fixed sensors are in all of them; where nothing is left to choose they are alone."""
-    served = served_layouts((1, 4), (0, 2, 3), 3, seed=0)
+    served = layout_values.served_layouts((1, 4), (0, 2, 3), 3, seed=0)
     assert served[0] == (0, 1, 2, 3, 4)
     assert all({1, 4} <= set(layout) for layout in served)
     assert {len(layout) for layout in served[1:]} == {2, 3}
-    assert served_layouts((0, 1), (2,), 2, seed=0) == [(0, 1, 2), (0, 1)]
+    assert layout_values.served_layouts((0, 1), (2,), 2, seed=0) == [(0, 1, 2), (0, 1)]
 
 
 @pytest.mark.parametrize(("d", "sd"), [(2, 0.05), (3, 0.3), (12, 0.05), (12, 0.2), (36, 0.08)])
@@ -153,7 +148,7 @@ def gains_by_quadrature(classes, layouts, n_tests, n_draws, every, seed):
     chosen = np.arange(0, n_tests, every)
     for layout in layouts:
         exact = information_by_quadrature(classes, simulated, chosen, layout)
-        off = class_gains(simulated, layout).values[chosen] - exact
+        off = layout_values.class_gains(simulated, layout).values[chosen] - exact
         assert abs(off.mean()) < 3.0 * off.std() / math.sqrt(len(off)) + 0.01
         assert off.std() < 0.15
         yield exact.mean()
@@ -211,8 +206,8 @@ def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, whole, monkeyp
 def test_effective_independence_keeps_what_tells_shapes_apart():
     """Two modes: of sensors that see (1, 1) and one that sees (1, -1), that one stays."""
     shapes = np.array([[1.0, 1.0], [1.1, 1.1], [1.0, -1.0], [0.9, 0.9]])
-    assert effective_independence(shapes, 2) == (1, 2)
-    assert effective_independence(shapes, 2, fixed=(0,)) == (0, 2)
+    assert layout_values.effective_independence(shapes, 2) == (1, 2)
+    assert layout_values.effective_independence(shapes, 2, fixed=(0,)) == (0, 2)
 
 
 def test_a_layout_gives_the_form_of_its_modes(whole, tmp_path):

@@ -128,8 +128,7 @@ def test_names_in_other_scripts_are_drawn_without_warnings(monkeypatch, make_pos
     """In a font that has the letters, or, where there is none, as boxes."""
     posteriors = [make_posterior("塔 🏗", names=("剛性", "k2")), make_posterior("b", -2.0)]
     with figures_for_files():
-        figure = whole_figure(plot_evidence(bs.compare(posteriors)))
-        figure.draw_without_rendering()
+        whole_figure(plot_evidence(bs.compare(posteriors))).draw_without_rendering()
         embedded_drawing(plot_corner(posteriors[0]), "塔", "x")
     # STIX, which is installed with matplotlib, has a script capital that DejaVu Sans lacks.
     monkeypatch.setattr(figure_style, "OTHER_FONTS", ("no such font", "STIXGeneral"))

@@ -14,17 +14,8 @@ from html_page import Page
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
-from bayes_ssi.plots import plot_moving_shapes
+from bayes_ssi.plots import moving_shapes, plot_moving_shapes
 from bayes_ssi.plots.figure_style import figures_for_files
-from bayes_ssi.plots.moving_shapes import (
-    MOST_NODES,
-    asset,
-    axes_in_space,
-    class_scenes,
-    numbered,
-    outline,
-    save_scenes,
-)
 from bayes_ssi.structures.geometry import Geometry, stick
 from bayes_ssi.structures.solver_files.abaqus_and_calculix import geometry_of_deck
 
@@ -42,7 +33,7 @@ def scene_of(structure, modes, pairing, sensors=(), at_draws=lambda: None):
         maxima=values[:1],
     )
     at_draws()
-    (scene,) = class_scenes(candidate, posterior)
+    (scene,) = moving_shapes.class_scenes(candidate, posterior)
     return scene
 
 
@@ -63,8 +54,7 @@ def test_floors_of_a_building_move_as_plates(tiny_ranking):
         assert not plates[0].any()
         np.testing.assert_allclose(mode["model"], plates[1:, 0], atol=1e-4)
         np.testing.assert_allclose(mode["measured"], mode["model"], atol=0.05)
-        median = updated.mac_after[1]
-        assert mode["note"].endswith(f"MAC {median:.4f}")
+        assert mode["note"].endswith(f"MAC {updated.mac_after[1]:.4f}")
         assert f"model {updated.after_hz[1]:.4g} Hz" in mode["note"]
     first = np.array(scene["modes"][0]["model"])
     assert abs(first[0] / first[1]) == pytest.approx(GOLDEN, abs=0.05)
@@ -73,8 +63,7 @@ def test_floors_of_a_building_move_as_plates(tiny_ranking):
 def test_a_mode_that_a_class_does_not_explain_is_measured_motion_alone():
     building = bs.ShearBuilding((1.0, 1.0), (40.0, 40.0))
     modes = (bs.IdentifiedMode("1", 0.6, [1.0, 2.0]), bs.IdentifiedMode("x", 1.1, [-2.0, 1.0]))
-    scene = scene_of(building, modes, {"1": 1}, building.degrees_of_freedom)
-    alone = scene["modes"][1]
+    alone = scene_of(building, modes, {"1": 1}, building.degrees_of_freedom)["modes"][1]
     assert alone["model"] is None
     assert not np.any(alone["moves"])
     assert alone["measured"] == [-1.0, 0.5]
@@ -120,8 +109,7 @@ def test_a_floor_that_turns_moves_its_corners_at_right_angles_to_their_radii():
 
 def test_a_space_frame_has_its_own_dimensions():
     lines = (-4.0, 0.0, 4.0), (-3.0, 3.0)
-    frame = bs.SpaceFrame((2.0, 3.0), *lines, 1.0, *[(1.0,) * 2] * 6)
-    geometry, _ = frame.drawing()
+    geometry, _ = bs.SpaceFrame((2.0, 3.0), *lines, 1.0, *[(1.0,) * 2] * 6).drawing()
     nodes = np.array(list(geometry.nodes.values()))
     np.testing.assert_array_equal(np.ptp(nodes, axis=0), [8.0, 6.0, 5.0])
     assert set(nodes[:, 2]) == {0.0, 2.0, 5.0}
@@ -148,14 +136,14 @@ def test_nodes_with_coordinates_move_along_their_axes():
 
 
 def test_of_many_nodes_some_are_left_out():
-    n = MOST_NODES + 500
+    n = moving_shapes.MOST_NODES + 500
     structure = bs.MatrixStructure(
         np.diag([1.0, 2.0]), np.eye(2), labels=["n0 z", "n9 z"], sensors=["n0 z"], n_modes=1,
         geometry=in_a_row(n),
     )  # fmt: skip
     scene = scene_of(structure, [bs.IdentifiedMode("1", 0.16)], {"1": 1})
-    assert len(scene["nodes"]) == len(scene["modes"][0]["moves"]) == MOST_NODES
-    assert np.max(scene["lines"]) < MOST_NODES
+    assert len(scene["nodes"]) == len(scene["modes"][0]["moves"]) == moving_shapes.MOST_NODES
+    assert np.max(scene["lines"]) < moving_shapes.MOST_NODES
 
 
 def test_what_has_no_coordinates_stands_one_above_the_other():
@@ -188,10 +176,9 @@ def page(tiny_ranking):
 
 
 def test_the_page_is_well_formed_small_and_needs_no_network(page):
-    parsed = Page(page)
-    assert parsed.addresses == []
+    assert Page(page).addresses == []
     assert not re.findall(r"https?:|@import|url\(", page)
-    assert len(asset("js").encode()) < 150e3
+    assert len(moving_shapes.asset("js").encode()) < 150e3
     records = re.findall(r'<script type="application/json">(.*?)</script>', page, re.S)
     assert len(records) == 2
     assert all(json.loads(record)[0]["modes"] for record in records)
@@ -199,8 +186,7 @@ def test_the_page_is_well_formed_small_and_needs_no_network(page):
 
 def test_names_do_not_end_the_script():
     data = bs.ModalData((bs.IdentifiedMode("</script>", 1.0, [1.0]),), (0.0, 2.0), ("<s>",), "<b>")
-    parsed = Page(plot_moving_shapes(data).page())
-    assert "<b>" in parsed.text
+    assert "<b>" in Page(plot_moving_shapes(data).page()).text
     assert "MovingShapes" in repr(plot_moving_shapes(data))
 
 
@@ -217,7 +203,7 @@ def test_identified_modes_alone(tmp_path):
 
 def test_a_result_keeps_its_scenes(tiny_ranking, tmp_path):
     stored = bs.save_result(
-        tiny_ranking, tmp_path / "r", figures=partial(save_scenes, tiny_ranking)
+        tiny_ranking, tmp_path / "r", figures=partial(moving_shapes.save_scenes, tiny_ranking)
     )
     expected = plot_moving_shapes(tiny_ranking).page()
     for result in (stored, tmp_path / "r", str(tmp_path / "r"), bs.load_result(tmp_path / "r")):
@@ -289,7 +275,7 @@ def test_the_script_moves_and_turns_shapes_and_prints_them_still(calm):
     }  # fmt: skip
     head = f"const SCENES = {json.dumps(json.dumps([scene]))}, CALM = {json.dumps(calm)};"
     done = subprocess.run(
-        ["node", "-e", head + BROWSER + asset("js") + FRAMES],
+        ["node", "-e", head + BROWSER + moving_shapes.asset("js") + FRAMES],
         capture_output=True, text=True, timeout=60, check=True,
     )  # fmt: skip
     shown = json.loads(done.stdout)
@@ -333,12 +319,11 @@ def cube(tmp_path):
 def test_a_mesh_has_the_faces_and_edges_of_the_cube_that_it_is(cube):
     assert len(cube.faces) == 6 * 4
     assert "14" not in {corner for face in cube.faces for corner in face}  # the node in the middle
-    points, (_, faces) = np.array(list(cube.nodes.values())), numbered(cube)
-    edges = points[outline(points, faces)]
+    points, (_, faces) = np.array(list(cube.nodes.values())), moving_shapes.numbered(cube)
+    edges = points[moving_shapes.outline(points, faces)]
     assert len(edges) == 12 * 2
     # On an edge of the cube, two coordinates are those of its sides.
-    on_sides = np.isin(edges, (0.0, 2.0)).all(axis=1).sum(axis=1)
-    np.testing.assert_array_equal(on_sides, 2)
+    np.testing.assert_array_equal(np.isin(edges, (0.0, 2.0)).all(axis=1).sum(axis=1), 2)
 
 
 @pytest.mark.parametrize(
@@ -363,15 +348,15 @@ def test_elements_are_closed_by_their_faces(tmp_path, kind, nodes, n_faces):
 def test_flat_shells_have_lines_at_their_border_only():
     points = np.array([(x, y, 0.0) for y in range(3) for x in range(3)])
     faces = [[0, 1, 4, 3], [1, 4, 5, 2], [3, 4, 7, 6], [4, 5, 8, 7]]  # the second is turned over
-    assert len(outline(points, faces)) == 8
+    assert len(moving_shapes.outline(points, faces)) == 8
     folded = points.copy()
     folded[[2, 5, 8], 2] = 1.0  # by 45°
-    assert len(outline(folded, faces)) == 10
+    assert len(moving_shapes.outline(folded, faces)) == 10
 
 
 def test_places_are_drawn_on_the_faces_of_a_structure(cube):
     with figures_for_files():
-        ax = axes_in_space("cube", np.array(list(cube.nodes.values())), 0.1, cube)
+        ax = moving_shapes.axes_in_space("cube", np.array(list(cube.nodes.values())), 0.1, cube)
         ax.figure.draw_without_rendering()
     faces, lines = ax.collections
     assert faces.get_alpha() < 0.2

@@ -112,8 +112,7 @@ def test_a_map_says_of_what_the_probability_is():
 
 
 def test_without_coordinates_the_most_probable_places_are_bars(draw):
-    probabilities = np.array([0.5, 0.2, *np.full(30, 0.01)])
-    ax = draw(loose(probabilities[::-1]))
+    ax = draw(loose(np.array([0.5, 0.2, *np.full(30, 0.01)])[::-1]))
     lengths = [bar.get_width() for bar in ax.patches]
     assert lengths[:3] == [0.5, 0.2, 0.01]
     assert len(lengths) == MOST_BARS + 1

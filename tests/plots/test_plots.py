@@ -9,11 +9,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
-from bayes_ssi.inference.posterior.model_at_draws import (
-    ConfigurationModes,
-    UpdatedMode,
-    UpdatedModes,
-)
+from bayes_ssi.inference.posterior import model_at_draws
 from bayes_ssi.plots.class_plots import plot_corner, plot_evidence, plot_frequencies
 from bayes_ssi.plots.figure_style import figures_for_files, save_figure, style
 from bayes_ssi.plots.shape_plots import plot_identified_modes, plot_mode_shapes
@@ -169,10 +165,10 @@ def test_frequencies_under_an_inferred_pairing_are_those_of_each_draw(make_poste
     """The first model mode is another one in some draws; the paired one is at 1 Hz in all."""
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0),), (0.0, 3.0))
     inferred = InferredPairing((PairingShare({"1": 1}, 1.0),), {"1": {1: 0.6, 2: 0.4}})
-    own = UpdatedMode("1", 1, 1.1, (0.99, 1.0, 1.01), None, None, ((1.0,),) * 3)
-    modes = UpdatedModes(("floor 1",), (), (own,))
+    own = model_at_draws.UpdatedMode("1", 1, 1.1, (0.99, 1.0, 1.01), None, None, ((1.0,),) * 3)
+    modes = model_at_draws.UpdatedModes(("floor 1",), (), (own,))
     frequencies = np.tile([0.5, 1.0], (4, 250, 1))
-    tests = (ConfigurationModes("", 2, {"1": 1}, inferred, modes),)
+    tests = (model_at_draws.ConfigurationModes("", 2, {"1": 1}, inferred, modes),)
     posterior = make_posterior("a", frequencies_hz=frequencies, configurations=tests)
     (bar,) = plot_frequencies(data, [posterior]).containers
     (ends,) = bar.lines[2][0].get_segments()
@@ -189,8 +185,7 @@ def hover_points(ax):
 
 
 def test_identified_modes(case_c):
-    figure = plot_identified_modes(case_c)
-    band, *shapes = figure.axes
+    band, *shapes = plot_identified_modes(case_c).axes
     assert [text.get_text() for text in band.texts] == ["1", "2a", "2b", "3"]
     assert hover_points(band)["mode 2a: 2.6043 Hz"][0] == pytest.approx(2.6042925)
     assert len(shapes) == 4

@@ -89,8 +89,7 @@ def test_the_parts_by_hand(frame, case_c, fixed_error):
         "by hand", frame, case_c, fixed_error, pairing={"1": 1, "2b": 2},
         identification=identified, priors={"k3": bs.LogNormal(0.5, 0.2)},
     )  # fmt: skip
-    values = np.array([[1.0, 1.0, 1.0]])
-    found = at(candidate, values)
+    found = at(candidate, np.array([[1.0, 1.0, 1.0]]))
     one, two_a, two_b, three = found.modes
     assert one.frequency_error == pytest.approx(1.0 / 0.98275928 - 1.0, rel=1e-6)
     assert one.frequency_sd == 0.01

@@ -140,8 +140,7 @@ def test_predictions_take_the_structure_itself(tmp_path):
     bs.save_result(ranking, tmp_path / "r")
     (stored,) = bs.load_result(tmp_path / "r").posteriors
     assert 1e-9 < stored.frequency_error == ranking.posteriors[0].frequency_error < 0.02
-    draws = thinned_draws(stored, candidate, n_draws=200)
-    assert draws.structure is candidate.structure
+    assert thinned_draws(stored, candidate, n_draws=200).structure is candidate.structure
     other = replace(candidate.structure.structure, masses=(1.5, 1.5, 1.5))
     with pytest.raises(ValueError, match="is not the one that was sampled"):
         thinned_draws(stored, replace(candidate, name="black box", structure=BlackBox(other)))

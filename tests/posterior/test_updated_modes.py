@@ -7,33 +7,26 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.model_class.class_record import described
-from bayes_ssi.inference.posterior.model_at_draws import (
-    MOST_PLACES,
-    at_draws,
-    configuration_modes,
-    datum_terms,
-)
+from bayes_ssi.inference.posterior import model_at_draws
 from bayes_ssi.inference.posterior.posterior import draws_with_shapes, known_at_draws
 from bayes_ssi.structures.modal import mac
 
 
 @pytest.fixture
 def values():
-    rng = np.random.default_rng(5)
-    return np.exp(0.1 * rng.standard_normal((150, 4)))
+    return np.exp(0.1 * np.random.default_rng(5).standard_normal((150, 4)))
 
 
 @pytest.fixture
 def updated(model_classes, values):
     # With this error no modes are close enough to turn together.
     candidate = replace(model_classes["3"], error=bs.ErrorModel(0.001, 0.05))
-    (modes,) = configuration_modes(candidate, values)
+    (modes,) = model_at_draws.configuration_modes(candidate, values)
     return modes.updated
 
 
 def test_frequencies_and_macs(model_classes, case_c, values, updated):
-    candidate = model_classes["3"]
-    frequencies, shapes = candidate.structure.modes(values)
+    frequencies, shapes = model_classes["3"].structure.modes(values)
     for i, (label, mode) in enumerate(zip(case_c.labels, updated.modes, strict=True)):
         assert (mode.label, mode.model_mode) == (label, i + 1)
         expected = np.quantile(frequencies[:, i], [0.05, 0.5, 0.95])
@@ -48,7 +41,7 @@ def test_frequencies_and_macs(model_classes, case_c, values, updated):
 
 
 def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, model_classes):
-    (modes,) = configuration_modes(model_classes["3"], np.ones((2, 4)))
+    (modes,) = model_at_draws.configuration_modes(model_classes["3"], np.ones((2, 4)))
     updated = modes.updated
     for i, mode in enumerate(updated.modes):
         identified = case_c.unit_shapes[:, i]
@@ -59,7 +52,7 @@ def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, model_class
 
 
 def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
-    n = MOST_PLACES + 1
+    n = model_at_draws.MOST_PLACES + 1
     k = bs.Parameter("k", bs.LogNormal(1000.0, 0.1))
     data = bs.ModalData(
         (bs.IdentifiedMode("1", 0.08, np.array([0.5, 1.0])),),
@@ -68,7 +61,7 @@ def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
     )
     tower = bs.ShearBuilding((1.0,) * n, (k,) * n)
     candidate = bs.ModelClass("tower", tower, data, bs.ErrorModel(0.02, 0.05), pairing={"1": 1})
-    (modes,) = configuration_modes(candidate, np.array([[1000.0], [1010.0]]))
+    (modes,) = model_at_draws.configuration_modes(candidate, np.array([[1000.0], [1010.0]]))
     assert modes.updated.places == ("floor 50", f"floor {n}")
     # A uniform shear building's first mode: u_i ∝ sin(i π / (2n + 1)).
     ends = [np.sin(i * np.pi / (2 * n + 1)) for i in (50, n)]
@@ -80,7 +73,7 @@ def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
 def test_log_likelihoods_of_the_data_add_up(model_classes, values, name):
     candidate = model_classes[name]
     own = values[:, : len(candidate.parameters)]
-    result = at_draws(candidate, own)
+    result = model_at_draws.at_draws(candidate, own)
     np.testing.assert_allclose(result.log_likelihoods.sum(1), candidate.log_likelihood(own))
     expected = candidate.modes(own)[0].frequencies_hz
     np.testing.assert_array_equal(result.frequencies_hz, expected)
@@ -91,7 +84,7 @@ def test_log_likelihoods_of_the_data_add_up(model_classes, values, name):
 
 def test_an_inferred_pairing_gives_one_datum_per_test(model_classes, values):
     candidate = model_classes["3"].with_any_pairing("any")
-    result = at_draws(candidate, values)
+    result = model_at_draws.at_draws(candidate, values)
     np.testing.assert_allclose(result.log_likelihoods[:, 0], candidate.log_likelihood(values))
 
 
@@ -99,8 +92,8 @@ def test_predicted_frequencies_scatter_as_the_errors_say(model_classes):
     candidate = model_classes["1-a"]
     n = 20000
     values = np.ones((n, 3))
-    result = at_draws(candidate, values)
-    terms = datum_terms(
+    result = model_at_draws.at_draws(candidate, values)
+    terms = model_at_draws.datum_terms(
         candidate, values, result, [candidate.pairing], (20, n // 20), np.random.default_rng(1)
     )
     assert terms.data == ("1", "2a", "2b", "3", "no other mode")
@@ -159,7 +152,7 @@ def test_every_draw_has_the_pairing_of_its_own():
     data = bs.ModalData((bs.IdentifiedMode("1", 1.0, [1.0]),), (0.0, 2.0), ("floor 1",))
     candidate = bs.ModelClass("p", structure, data, bs.ErrorModel(0.01, 0.05), pairing="any")
     values = np.repeat([[0.5], [2.0]], [40, 60], axis=0)
-    (modes,) = configuration_modes(candidate, values)
+    (modes,) = model_at_draws.configuration_modes(candidate, values)
     assert modes.pairing == {"1": 1}
     (mode,) = modes.updated.modes
     assert mode.model_mode == 1

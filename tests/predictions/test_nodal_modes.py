@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, succeeded
 from searches import COARSE
 
 import bayes_ssi as bs
@@ -93,8 +93,7 @@ def test_nodes_that_have_names_are_numbered(tmp_path):
     pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
     labels = ["Top right x", "Top left x"]
     named = bs.MatrixStructure(np.eye(2), np.eye(2), labels=labels, n_modes=1)
-    modes = nodal_modes(named, np.empty(0))
-    write_universal_file(tmp_path / "modes.uff", modes, "named")
+    write_universal_file(tmp_path / "modes.uff", nodal_modes(named, np.empty(0)), "named")
     text = [*map(str.rstrip, (tmp_path / "modes.uff").read_text().splitlines())]
     assert text[1] == f"{55:6d}"  # no coordinates, no lines
     assert text[10].split() == ["1"]
@@ -115,10 +114,8 @@ def test_export(run):
         "study = bs.Study('one', [bs.ModelClass('one', top, modes, error,\n"
         "    pairing={'1': 1, '2': 2})])\n"
     )
-    ranked = run("rank", "study.py", "--accept-failed-checks")
-    assert ranked.exit_code == 0, ranked.output
-    done = run("export", "runs/results/study")
-    assert done.exit_code == 0, done.output
+    succeeded(run("rank", "study.py", "--accept-failed-checks"))
+    succeeded(run("export", "runs/results/study"))
     folder = Path("runs/results/study/updated")
     assert sorted(each.name for each in folder.iterdir()) == [
         "modes.csv", "modes.uff", "parameters.csv",
@@ -182,8 +179,7 @@ def expected(further):
     """Mean and covariance of residuals of (test, mode), from all tests' in one matrix."""
     paired = [(t, i) for t in (0, 1) for i in (1, 2)]
     residuals = np.array([1 / 1.03, 2 / 2.01, 1 / 1.02, 2 / 2.03]) - 1.0
-    everything = [*paired, *further]
-    t, i = np.transpose(everything)
+    t, i = np.transpose([*paired, *further])
     shared = np.where(np.equal.outer(t, t), 1.0, RHO)
     covariance = SD**2 * shared * 0.5 ** np.abs(np.subtract.outer(i, i))
     n = len(paired)

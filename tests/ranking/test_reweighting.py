@@ -10,12 +10,7 @@ import pytest
 
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.posterior import known_at_draws
-from bayes_ssi.studies.ranking.variations import (
-    reweighted,
-    with_missed,
-    with_spurious,
-    with_wider_priors,
-)
+from bayes_ssi.studies.ranking import variations
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +42,8 @@ def with_band(high):
 
 
 CHANGES = {
-    "twice as wide": partial(with_wider_priors, 2.0, {"k", "k1"}),
-    "half as wide": partial(with_wider_priors, 0.5, {"k", "k1"}),
+    "twice as wide": partial(variations.with_wider_priors, 2.0, {"k", "k1"}),
+    "half as wide": partial(variations.with_wider_priors, 0.5, {"k", "k1"}),
     "moved": with_prior(bs.LogNormal(1.2, 0.1)),
     "another family": with_prior(bs.Normal(1.0, 0.2)),
     "bounded": with_prior(bs.Uniform(0.7, 1.02)),
@@ -60,7 +55,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_evidence_and_parameters_by_quadrature(one_k, posterior, known, name):
-    answer = reweighted(posterior, known, CHANGES[name](known))
+    answer = variations.reweighted(posterior, known, CHANGES[name](known))
     assert answer.problem == ""
     changed = CHANGES[name](one_k)
     k = np.linspace(0.6, 1.5, 20_001)
@@ -79,7 +74,7 @@ def test_evidence_and_parameters_by_quadrature(one_k, posterior, known, name):
 
 
 def test_without_a_change_nothing_changes(posterior, known):
-    answer = reweighted(posterior, known, known)
+    answer = variations.reweighted(posterior, known, known)
     assert answer.log_ratio.log_evidence == pytest.approx(0.0, abs=1e-12)
     assert answer.pareto_k == -math.inf
     assert answer.parameters[0].mean == pytest.approx(posterior.summary[0].mean, rel=1e-3)
@@ -93,7 +88,7 @@ def test_without_a_change_nothing_changes(posterior, known):
     ],
 )
 def test_draws_that_do_not_cover_the_change_are_refused(posterior, known, change, words):
-    answer = reweighted(posterior, known, change(known))
+    answer = variations.reweighted(posterior, known, change(known))
     assert answer.problem
     assert re.search(words, answer.problem)
 
@@ -103,9 +98,9 @@ def test_a_prior_that_reaches_beyond_the_sampled_one_is_refused_where_the_poster
     low = with_prior(bs.Uniform(0.9, 1.0))(one_k)
     sampled = bs.sample(low, settings=bs.SamplingSettings(log_evidence_error=0.05))
     known_low = known_at_draws(low, sampled)
-    beyond = reweighted(sampled, known_low, with_prior(bs.Uniform(0.9, 1.1))(known_low))
+    beyond = variations.reweighted(sampled, known_low, with_prior(bs.Uniform(0.9, 1.1))(known_low))
     assert "now reaches beyond 1, where the posterior had not died out" in beyond.problem
-    inside = reweighted(sampled, known_low, with_prior(bs.Uniform(0.95, 1.0))(known_low))
+    inside = variations.reweighted(sampled, known_low, with_prior(bs.Uniform(0.95, 1.0))(known_low))
     assert inside.problem == ""
     k = np.linspace(0.9, 1.0, 2001)
     density = np.exp(one_k.log_likelihood(k[:, None]))
@@ -120,7 +115,7 @@ def test_a_prior_that_reaches_beyond_the_sampled_one_is_refused_where_the_poster
 def test_times_as_many_missed_or_spurious_modes(one_k, p, factor, expected):
     """Twice a probability of 0.7 to be missed would be none: half of what is left is taken."""
     changed = replace(one_k, identification=bs.IdentificationModel(p, 0.1))
-    for change in (with_missed, with_spurious):
+    for change in (variations.with_missed, variations.with_spurious):
         changed = change(factor, changed)
     assert changed.identification.detection_probability == pytest.approx(expected, rel=1e-12)
     assert changed.identification.expected_spurious_modes == pytest.approx(0.1 * factor, rel=1e-12)
@@ -128,8 +123,8 @@ def test_times_as_many_missed_or_spurious_modes(one_k, p, factor, expected):
 
 @pytest.mark.parametrize("factor", [2.0, 0.5])
 def test_priors_of_the_named_parameters_become_wider(one_k, factor):
-    (k,) = with_wider_priors(factor, {"k"}, one_k).parameters
+    (k,) = variations.with_wider_priors(factor, {"k"}, one_k).parameters
     x, log_sd = np.linspace(0.5, 2.0, 9), factor * math.sqrt(math.log(1.09))
     expected = bs.LogNormal(1.0, math.sqrt(math.expm1(log_sd**2))).log_density(x)
     np.testing.assert_allclose(k.prior.log_density(x), expected, rtol=1e-9)
-    assert with_wider_priors(factor, {"k1"}, one_k).parameters == one_k.parameters
+    assert variations.with_wider_priors(factor, {"k1"}, one_k).parameters == one_k.parameters

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_ssi.measurements.records.record_files import read_ground_motion
-from bayes_ssi.structures.response import GroundMotion
+import bayes_ssi as bs
 
 G = 9.80665
 SAMPLES = [-0.1, 0.25e-2, 0.3, -0.4, 0.5, -0.6]
@@ -24,7 +23,7 @@ def load(tmp_path):
     def load(name, text, **options):
         path = tmp_path / name
         path.write_text(text, encoding="utf-8")
-        return read_ground_motion(path, **options)
+        return bs.read_ground_motion(path, **options)
 
     return load
 
@@ -126,7 +125,7 @@ def test_files_that_are_wrong(load, text, options, message):
 
 def test_a_channel_of_a_record_in_another_format(tmp_path):
     np.savez(tmp_path / "quake.npz", a=0.1 * np.arange(4.0), dt_s=0.02, unit="g")
-    motion = read_ground_motion(tmp_path / "quake.npz")
+    motion = bs.read_ground_motion(tmp_path / "quake.npz")
     np.testing.assert_allclose(motion.acceleration, G * 0.1 * np.arange(4.0), rtol=1e-12)
     assert motion.dt == pytest.approx(0.02, rel=1e-12)
 
@@ -146,14 +145,14 @@ def test_a_channel_of_a_record_in_another_format(tmp_path):
 )
 def test_invalid_records(samples, dt, message):
     with pytest.raises(ValueError, match=message):
-        GroundMotion(samples, dt)
+        bs.GroundMotion(samples, dt)
 
 
 def test_a_peak_beyond_any_earthquake_and_modes_above_half_the_sampling_rate_are_reported():
-    (text,) = GroundMotion([0.0, 1961.33], 0.01, "roof").warnings(np.array([1.0]))
+    (text,) = bs.GroundMotion([0.0, 1961.33], 0.01, "roof").warnings(np.array([1.0]))
     assert text.startswith("record roof: its peak, 200 g, is beyond")
-    assert GroundMotion([0.0, 39.2], 0.01).warnings(np.array([1.0])) == []
-    motion = GroundMotion([0.0, 1.0], 0.05, "slow")
+    assert bs.GroundMotion([0.0, 39.2], 0.01).warnings(np.array([1.0])) == []
+    motion = bs.GroundMotion([0.0, 1.0], 0.05, "slow")
     (text,) = motion.warnings(np.array([1.0, 9.9, 10.1, 30.0]))
     assert "carry frequencies up to 10 Hz; mode 3 of the structure, at 10.1 Hz" in text
     assert motion.warnings(np.array([1.0, 9.9])) == []

@@ -62,8 +62,7 @@ def test_the_most_probable_class_by_what_it_is(stored):
 
 
 def test_no_sentence_speaks_of_bayes_factors_and_nats(stored):
-    result = answer(stored(("A", 0.0, 1.0, ""), ("B", -10.0, 1.0, "")))
-    before = " ".join(result.paragraphs)
+    before = " ".join(answer(stored(("A", 0.0, 1.0, ""), ("B", -10.0, 1.0, ""))).paragraphs)
     assert "ln B" not in before
     assert "nats" not in before
     assert "On the parameters that both infer it agrees." in before

@@ -111,8 +111,7 @@ def test_arviz_judges_by_leaving_data_out(tiny_ranking, tiny_result):
 @pytest.mark.parametrize("rounding", [0.0, 1e-16])
 def test_a_term_that_is_constant_but_for_rounding_is_scattered_beside_one_that_varies(rounding):
     """A model mode far above the band is missed at all draws with a probability of nearly one."""
-    rng = np.random.default_rng(0)
-    varying, missed = rng.standard_normal((2, 2, 50))
+    varying, missed = np.random.default_rng(0).standard_normal((2, 2, 50))
     log_likelihoods = np.stack([varying, -0.1 + rounding * missed], axis=-1)
     data, hz = ("1", "no other mode"), np.ones(1)
     terms = DatumTerms(data, log_likelihoods, ("1",), hz, varying[..., None])

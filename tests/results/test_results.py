@@ -101,8 +101,7 @@ def test_the_record_documents_how_the_result_was_made(tiny_result):
     assert record["versions"].keys() >= {"python", "numpy", "scipy", "emcee", "arviz"}
     assert record["versions"]["numpy"] == np.__version__
     assert record["data_digest"] == tiny_result.data.digest
-    names = [entry["name"] for entry in record["model_classes"]]
-    assert names == ["one k", "each k"]
+    assert [entry["name"] for entry in record["model_classes"]] == ["one k", "each k"]
     prior = record["model_classes"][0]["parameters"][0]["prior"]
     assert prior == {"distribution": "LogNormal", "median": 1.0, "cov": 0.3}
 

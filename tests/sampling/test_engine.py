@@ -83,8 +83,7 @@ def with_suggestions(function, d):
 
 
 def test_a_target_that_knows_its_problem_does_without_particles(bumps):
-    known = with_suggestions(two_bumps(), 2)
-    result = sample_target(known, np.random.SeedSequence(0))
+    result = sample_target(with_suggestions(two_bumps(), 2), np.random.SeedSequence(0))
     assert result.compressions == ()
     assert result.failed_checks == []
     assert result.evidence.log_evidence == pytest.approx(0.0, abs=4.0 * result.evidence.error)
@@ -204,8 +203,7 @@ def mixture_at(*places):
 
 def ensemble_at(*places, n=1500):
     """Independent draws of narrow Gaussians at the places on the first axis."""
-    rng = np.random.default_rng(len(places))
-    positions = 0.2 * rng.standard_normal((n, 1, 2))
+    positions = 0.2 * np.random.default_rng(len(places)).standard_normal((n, 1, 2))
     positions[:, 0, 0] += np.resize(places, n)
     heights = two_places(positions[:, 0])[:, None]
     return Ensemble(positions, heights, 0, 1.0, 0.5)
@@ -230,8 +228,7 @@ def test_a_refit_covers_what_the_mixture_before_it_lacked():
 
 
 def test_a_refit_to_draws_that_lost_a_region_is_not_taken():
-    good = mixture_at(6.0, -6.0)
-    trial, again = refitted(good, ensemble_at(6.0), ensemble_at(6.0, -6.0))
+    trial, again = refitted(mixture_at(6.0, -6.0), ensemble_at(6.0), ensemble_at(6.0, -6.0))
     assert again is trial
 
 

@@ -74,8 +74,7 @@ def test_ensembles_sample_their_target(slow, with_proposals):
 
 
 def test_acceptance_of_independence_proposals_from_the_posterior_itself_is_one():
-    exact = component(MEAN, np.linalg.cholesky(COVARIANCE), 1e9)
-    ensembles = run(mixture=exact, share=1.0)
+    ensembles = run(mixture=component(MEAN, np.linalg.cholesky(COVARIANCE), 1e9), share=1.0)
     assert [each.acceptance_fraction for each in ensembles] == pytest.approx([1.0, 1.0], abs=1e-4)
     assert [each.autocorrelation_time for each in ensembles] == pytest.approx([1.0, 1.0], abs=0.25)
 

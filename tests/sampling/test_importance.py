@@ -108,8 +108,7 @@ def test_the_mean_log_likelihood_is_weighted_without_draws_of_likelihood_zero():
 
 def test_errors_of_shares_with_equal_weights_are_binomial():
     sample = weighted(np.zeros(400))
-    groups = np.repeat([0, 1], [100, 300])
-    errors = sample.share_errors(groups, 2)
+    errors = sample.share_errors(np.repeat([0, 1], [100, 300]), 2)
     # 400 / 399 as the variance is estimated from the draws.
     np.testing.assert_allclose(errors, math.sqrt(0.25 * 0.75 / 400 * 400 / 399), rtol=1e-12)
 
@@ -160,8 +159,7 @@ def first_bump():
 @pytest.mark.parametrize("seed", range(5))
 def test_a_bump_that_the_mixture_misses_gets_a_component(first_bump, seed):
     target = Target(two_bumps, 2)
-    first = sampler_of(target, seed).sample(first_bump)
-    assert first.pareto_k > PARETO_K_LIMIT
+    assert sampler_of(target, seed).sample(first_bump).pareto_k > PARETO_K_LIMIT
     sample = importance(target, first_bump, seed)
     assert sample.pareto_k < PARETO_K_LIMIT
     assert sample.mixture.n_components > 1
@@ -281,8 +279,7 @@ def importance_draws(mean, sd, seed):
 
 def exact_ensemble(seed, n_steps=200, n_walkers=32):
     """Independent draws of the posterior in the form of an ensemble."""
-    rng = np.random.default_rng(seed)
-    z = MEAN + SD * rng.standard_normal((n_steps, n_walkers, 2))
+    z = MEAN + SD * np.random.default_rng(seed).standard_normal((n_steps, n_walkers, 2))
     heights = Target(gaussian, 2).log_posterior(z.reshape(-1, 2)).reshape(n_steps, n_walkers)
     return Ensemble(z, heights, 0, 1.0, 0.5)
 

@@ -62,8 +62,7 @@ def test_all_four_peaks_are_found(starts):
 
 
 def test_laplace_is_exact_for_a_linear_model(linear):
-    starts = np.random.default_rng(1).standard_normal((8, 3))
-    maxima = find_maxima(linear.target, starts)
+    maxima = find_maxima(linear.target, np.random.default_rng(1).standard_normal((8, 3)))
     assert len(maxima.z) == 1
     sd = np.sqrt(np.diag(linear.covariance))
     # A top 0.05 standard deviations away is 0.001 nats lower: that is when ascents stop.

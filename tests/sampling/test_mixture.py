@@ -216,8 +216,7 @@ def test_a_bent_region_is_one(make):
 
 @pytest.mark.parametrize("sd", [1.0, 1e-3])
 def test_a_sheared_and_narrow_region_is_one(sd):
-    rng = np.random.default_rng(8)
-    draws = rng.standard_normal((800, 3)) * [1.0, sd, sd]
+    draws = np.random.default_rng(8).standard_normal((800, 3)) * [1.0, sd, sd]
     draws[:, 1] += draws[:, 0]
 
     def log_density(z):

@@ -11,12 +11,7 @@ from targets import peaks
 from bayes_ssi.inference.sampling import multistart
 from bayes_ssi.inference.sampling.ascents import ascend
 from bayes_ssi.inference.sampling.maxima import Maxima, find_maxima
-from bayes_ssi.inference.sampling.multistart import (
-    DRAWS,
-    MultistartSearch,
-    search_maxima,
-    search_starts,
-)
+from bayes_ssi.inference.sampling.multistart import DRAWS, search_maxima, search_starts
 from bayes_ssi.inference.sampling.multistart import MOST_TIMES_WANTED as PATIENCE
 from bayes_ssi.inference.sampling.regions import NEIGHBOURS, nearest_neighbours
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_standard_normal
@@ -110,8 +105,7 @@ def test_maxima_of_negligible_mass_are_left_out(share, n_kept):
 def test_searches_climb_on_where_there_are_many_maxima():
     """Four searches from no more than the 40 highest draws agree on 31 of these 32."""
     centres = np.random.default_rng(5).uniform(-2.0, 2.0, (32, 3))
-    target = Target(peaks(centres, 0.05, np.full(32, 1.0 / 32.0)), 3)
-    result = searches(target, seed=1)
+    result = searches(Target(peaks(centres, 0.05, np.full(32, 1.0 / 32.0)), 3), seed=1)
     assert finds(result.maxima, centres).all()
     assert result.n_searches == 4
 
@@ -165,7 +159,7 @@ def test_an_earlier_search_counts_as_one(monkeypatch, script, n_searches):
     ],
 )
 def test_a_maximum_found_twice_is_converged(shares, reached_by, converged):
-    search = MultistartSearch(maxima_of_shares(*shares), np.array(reached_by), 1)
+    search = multistart.MultistartSearch(maxima_of_shares(*shares), np.array(reached_by), 1)
     assert search.converged is converged
 
 
@@ -223,8 +217,7 @@ def test_searches_climb_from_suggested_starts():
 
 
 def test_the_largest_unseen_mass_is_missed_by_one_search_in_twenty():
-    result = searches(two_peaks(0.3), 4)
-    mass = result.largest_unseen_mass
+    mass = searches(two_peaks(0.3), 4).largest_unseen_mass
     assert (1.0 - mass) ** (4 * DRAWS) == pytest.approx(0.05, rel=1e-6)
     # Poisson: three expected draws, none with probability e^-3.
     assert mass == pytest.approx(3.0 / (4 * DRAWS), rel=2e-3)
@@ -272,8 +265,7 @@ def test_the_number_of_evaluations_is_bounded():
         return 8.0 * np.sin(40.0 * z).sum(axis=1)
 
     target = Target(rough, 2)
-    result = searches(target, 1)
-    assert not result.converged
+    assert not searches(target, 1).converged
     # At most 40 ascents of 60 steps with four tries and a gradient each, and some to gather up.
     of_ascents = 40 * 60 * (4 + 2) * 2
     assert target.n_evaluations < PATIENCE * (DRAWS + 2 * of_ascents)

@@ -42,8 +42,7 @@ class Losses(Family[Storey]):
             bs.Parameter(f"left in storey {i}", bs.Uniform(0.0, 1.0)) if i in features else 1.0
             for i in (1, 2, 3)
         ]
-        changed = baseline.with_structures(lambda *_: building(left))
-        return changed.with_any_pairing(name)
+        return baseline.with_structures(lambda *_: building(left)).with_any_pairing(name)
 
     def quantities(self, baseline, feature, column):  # noqa: ARG002 - of all families
         return {"left": column(f"left in storey {feature}")}

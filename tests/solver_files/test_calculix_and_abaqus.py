@@ -140,8 +140,7 @@ def test_read_back_exactly_without_held_rows(tmp_path):
 def test_both_triangles_and_own_nodes(tmp_path):
     k, _ = portal()
     whole = labelled([(i, j, k[i, j]) for i, j in np.argwhere(k)])
-    path = written(tmp_path, stiffness=["1,1, 1,1, 1e36", *whole])
-    assert_is_portal(bs.read_model(path))
+    assert_is_portal(bs.read_model(written(tmp_path, stiffness=["1,1, 1,1, 1e36", *whole])))
     half = labelled(lower_entries(k))
     model = bs.read_model(written(tmp_path, stiffness=[*RESTRAINED, *half, "-4,1, -4,1, 7.0"]))
     assert model.labels[0] == "internal 4 x"
@@ -153,8 +152,7 @@ def test_without_labels(tmp_path):
     k, m = (
         [f"{i + 1}, {j + 1}, {value!r}" for i, j, value in lower_entries(each)] for each in portal()
     )
-    model = bs.read_model(written(tmp_path, stiffness=k, mass=m), labels=LABELS)
-    assert_is_portal(model)
+    assert_is_portal(bs.read_model(written(tmp_path, stiffness=k, mass=m), labels=LABELS))
 
 
 @pytest.mark.parametrize(
@@ -175,8 +173,7 @@ def test_wrong_matrices_of_abaqus_are_refused_in_one_line(tmp_path, changed, mes
 
 
 def test_the_file_of_the_mass_is_found_by_its_name_or_asked_for(tmp_path):
-    path = written(tmp_path)
-    path.rename(tmp_path / "other.mtx")
+    written(tmp_path).rename(tmp_path / "other.mtx")
     with pytest.raises(ValueError, match=r"other.mtx: name the file of the stiffness, job_STIFn"):
         bs.read_model(tmp_path / "other.mtx")
     assert_is_portal(bs.read_model(tmp_path / "other.mtx", tmp_path / "Frame_MASS2.mtx"))

@@ -47,8 +47,7 @@ OTHER = [*punched("KGG", np.eye(6)), *punched("MGG", np.eye(6))]
 
 def test_punched_matrices(tmp_path):
     stiffness, mass = portal()
-    path = write(tmp_path / "frame.pch", K, M)
-    model = bs.read_model(path)
+    model = bs.read_model(write(tmp_path / "frame.pch", K, M))
     assert model.labels == LABELS
     np.testing.assert_array_equal(model.stiffness.toarray(), rounded(stiffness))
     np.testing.assert_array_equal(model.mass.toarray(), rounded(mass))
@@ -236,8 +235,7 @@ def test_wrong_text_is_refused_in_one_line(tmp_path, changed, message):
 
 def test_a_cut_off_number_is_refused(tmp_path):
     text_files(tmp_path)
-    whole = (tmp_path / "Portal.TXK").read_bytes()
-    (tmp_path / "Portal.TXK").write_bytes(whole[:-5])
+    (tmp_path / "Portal.TXK").write_bytes((tmp_path / "Portal.TXK").read_bytes()[:-5])
     with pytest.raises(ValueError, match=r"Portal.TXK: ends within a line"):
         bs.read_model(tmp_path / "Portal.TXE")
 

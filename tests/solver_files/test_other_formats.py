@@ -52,8 +52,7 @@ class TestOpenSees:
 
     def test_labels_from_a_file(self, tmp_path):
         (tmp_path / "dofs.txt").write_text("2.1\n2 2\n2 rz\n3,UX\n3 U2\n3 6\n")
-        model = self.read(tmp_path, labels=tmp_path / "dofs.txt")
-        assert list(model.labels) == CANTILEVER
+        assert list(self.read(tmp_path, labels=tmp_path / "dofs.txt").labels) == CANTILEVER
         (tmp_path / "dofs.txt").write_text("2.1\n2 u9\n")
         with pytest.raises(ValueError, match=r"dofs.txt: line 2: direction must be .* got 'u9'"):
             self.read(tmp_path, labels=tmp_path / "dofs.txt")

@@ -77,8 +77,7 @@ def test_the_error_of_a_check_is_its_worst_entry_in_either_matrix(which):
     wrong[2, 5] = wrong[5, 2] = 4e-9 * scales[2] * scales[5]
     wrong[1, 1] = -1e-9 * scales[1] ** 2
     model = replace(check.model, **{which: getattr(check.model, which) + sp.csc_array(wrong)})
-    altered = replace(check, model=model)
-    matrices = bs.parameter_matrices(NOMINAL, [export(1.1)], [altered])
+    matrices = bs.parameter_matrices(NOMINAL, [export(1.1)], [replace(check, model=model)])
     assert matrices.errors[check.file] == pytest.approx(4e-9, rel=1e-4)
 
 

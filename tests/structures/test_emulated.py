@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import COARSE, assert_one_line_error
+from conftest import COARSE, assert_one_line_error, succeeded
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
@@ -102,8 +102,7 @@ def table(hz, shapes):
 def made(run):
     """Runs that the command chose, in files and in a workbook, and data at factors 0.9, 1.1."""
     openpyxl = pytest.importorskip("openpyxl", reason="pip install bayes_ssi[xlsx]")
-    done = run("import", "tower", "--runs", "runs", "--properties", "lower, upper")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("import", "tower", "--runs", "runs", "--properties", "lower, upper"))
     assert "1, 1.0, 1.0" in done.output.splitlines()
     with Path("runs/design.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -125,8 +124,7 @@ def made(run):
 
 
 def test_a_study_from_runs(run, made):
-    done = run("import", "tower", "--runs", "runs", "--data", "modes.csv")
-    assert done.exit_code == 0, done.output
+    done = succeeded(run("import", "tower", "--runs", "runs", "--data", "modes.csv"))
     assert "6 runs of lower, upper: 2 modes at 2 sensors." in done.output
     study = bs.load_study(Path("tower.py"))
     assert study.names == ("one factor", "each its own")
@@ -244,8 +242,7 @@ def test_a_structure_alike_in_two_directions_is_emulated_as_well_as_another():
 
 
 def test_errors_of_points_left_out_are_those_of_fits_without_them():
-    rng = np.random.default_rng(0)
-    x = rng.standard_normal((30, 2))
+    x = np.random.default_rng(0).standard_normal((30, 2))
     y = np.column_stack([np.sin(x).sum(axis=1), x[:, 0] * x[:, 1] ** 2])
     whole = GaussianProcess(x, y, np.array([1.5, 2.0]), 1e-6)
     left_out, spreads = whole.left_out

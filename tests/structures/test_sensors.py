@@ -193,8 +193,7 @@ def test_a_search_hangs_appendages_on_what_they_measure():
     sensors = ("halfway", "sloped")
     data = bs.ModalData.from_arrays(frequencies, shapes, (0.0, 6.0), sensors)
     candidate = bs.ModelClass("points", structure, data, pairing="any")
-    family = choose_baselines(bs.Study("points", [candidate]))
-    places = family.appendages("points")
+    places = choose_baselines(bs.Study("points", [candidate])).appendages("points")
     assert [place.name for place in places] == ["pendulum a", "pendulum b", "pendulum c"]
     carrying = hypothesis(candidate, places[:1])
     medians = np.array([[p.prior.quantile(0.5) for p in carrying.parameters]])

@@ -161,8 +161,7 @@ def test_calibration(model_classes):
     assert "'1-a'" in printed(table)[0]
     assert cells(table, ["before"])[:3] == ["1", "1", "1"]
     assert cells(table, ["1"])[-2:] == ["0.000", "13.0"]
-    modes = of_modes.calibration_modes_table(actual)
-    row = cells(modes, ["2a", "2"])
+    row = cells(of_modes.calibration_modes_table(actual), ["2a", "2"])
     assert row[:3] == ["2.604", "2.737", "2.604"]
     assert float(row[3]) == pytest.approx(actual.before.modes[1].mac, abs=5e-5)
 
@@ -291,8 +290,7 @@ def test_a_ranking_of_populations_and_its_notes(made):
 
 @pytest.mark.usefixtures("close_figures")
 def test_the_picture_shows_every_test_and_the_population(made):
-    figure = plot_population(made)
-    (ax,) = figure.axes
+    (ax,) = plot_population(made).axes
     assert [bar.lines[0].get_xdata()[0] for bar in ax.containers] == [0.0, 10.0, 20.0]
     (line,) = [line for line in ax.lines if len(line.get_xdata()) > 2]
     # 100 + 20 (0.5 + 0.2 (x - 10)/10)
