@@ -1,5 +1,6 @@
 """A first look at many hypotheses on a finite-element model, against screening each of them."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from searches import exact_modes
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages.baselines import Baselines, choose_baselines
 from bayes_ssi.studies.search.approximate_evidence import FULL, QUICK, Screened, ToScreen, screen
+from bayes_ssi.studies.search.common_likelihood import common_log_likelihoods, in_common
 from bayes_ssi.studies.search.family import Hypothesis, Key
 from bayes_ssi.studies.search.family_search import screened_hypotheses
 from bayes_ssi.studies.search.ladder import SHARE_LEFT_OUT, looks_at, screen_best
@@ -86,6 +88,26 @@ def test_looking_together_changes_nothing(chain, together):
     for i, look in enumerate(alone, 1):
         assert np.array_equal(look.z, together[i].z)
         assert look.log_evidence == together[i].log_evidence
+
+
+def test_only_hypotheses_of_one_model_with_equal_elements_are_computed_together(chain):
+    """The same pendulum elsewhere; not on another model, nor a heavier one."""
+    at_places = [made for made, _ in chain.hypotheses]
+    (common,) = {in_common(made) for made in at_places}
+    z = np.random.default_rng(0).standard_normal((len(at_places), 20, len(at_places[0].parameters)))
+    answers = common_log_likelihoods(at_places)(list(enumerate(z)))
+    for made, own, answer in zip(at_places, z, answers, strict=True):
+        np.testing.assert_allclose(answer, made.log_likelihood_at(own), rtol=1e-9)
+
+    def stiffer(structure, _):
+        return replace(structure, stiffness=tuple((1.1 * c, m) for c, m in structure.stiffness))
+
+    def heavier(structure, _):
+        (pendulum,) = structure.elements
+        return replace(structure, elements=(replace(pendulum, mass=1.1 * pendulum.mass),))
+
+    for change in (stiffer, heavier):
+        assert in_common(at_places[0].with_structures(change)) != common
 
 
 def test_what_a_first_look_leaves_out_does_not_matter(chain):

@@ -18,7 +18,7 @@ A search puts one kind of element on hundreds of places. Small batches, one for 
 longer than a large one of all.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -228,8 +228,8 @@ def modes_at_places(
 ) -> Callable[[FloatArray, NDArray[np.intp]], Modes]:
     """The modes (B, ...) of structures ``which`` (B,) at values (B, n_parameters), row by row.
 
-    The structures are projected ones of one model, with elements of the same kinds each, and
-    differ in nothing but their places; values are in the order of each one's own parameters.
+    The structures are projected ones of one model that have :func:`all_but_places` in common;
+    values are in the order of each one's own parameters.
     """
     projected = [each for each in structures if isinstance(each, ProjectedStructure)]
     vectors = joined([each.vectors for each in projected])
@@ -241,8 +241,15 @@ def modes_at_places(
     return modes
 
 
-def kinds_of_elements(structure: Structure) -> tuple[type[Element], ...] | None:
-    """What joined structures have in common; None of one that cannot be joined with others."""
+def all_but_places(structure: Structure) -> Hashable:
+    """What structures have in common that :func:`modes_at_places` joins; None of another kind."""
     if not isinstance(structure, ProjectedStructure):
         return None
-    return tuple(map(type, structure.elements))
+    carried, number = structure._carried, structure.parameters.index
+    added = tuple(
+        (product.scale, tuple((number(p), power) for p, power in product.powers))
+        for terms in (carried.springs, carried.masses)
+        for product in coefficients_of(terms)
+    )
+    kinds = tuple(map(type, structure.elements))
+    return id(structure.stiffness), id(structure.mass), kinds, added

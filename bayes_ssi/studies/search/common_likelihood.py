@@ -11,7 +11,7 @@ from bayes_ssi.foundations.arrays import FloatArray, IntArray, joined
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.structures.finite_elements.projected_structure import (
-    kinds_of_elements,
+    all_but_places,
     modes_at_places,
 )
 from bayes_ssi.structures.modal import Modes
@@ -21,7 +21,6 @@ ROWS_IN_CACHE = 256  # more rows of a batch leave the processor's cache
 
 # The number of a class, and coordinates (B, d).
 Question = tuple[int, FloatArray]
-ModesOfRows = Callable[[FloatArray, IntArray], Modes]
 
 
 def in_common(model_class: ModelClass) -> Hashable:
@@ -38,7 +37,7 @@ def _of_test(test: Configuration) -> Hashable:
     return (
         id(test.data),
         pairing if isinstance(pairing, str) else tuple(pairing.items()),
-        kinds_of_elements(structure),
+        all_but_places(structure),
         len(structure.degrees_of_freedom),
         structure.n_modes,
         len(structure.parameters),
@@ -90,17 +89,13 @@ def common_log_likelihoods(
     return of_all
 
 
-def _modes_of_rows(structures: Sequence[Structure]) -> ModesOfRows:
+def _modes_of_rows(structures: Sequence[Structure]) -> Callable[[FloatArray, IntArray], Modes]:
     """The modes (B, ...) of structures ``which`` (B,), in runs, at values (B, n_parameters)."""
-    if kinds_of_elements(structures[0]) is not None:
+    if all_but_places(structures[0]) is not None:
         return modes_at_places(structures)
 
     def modes(values: FloatArray, which: IntArray) -> Modes:
-        ends = np.append(np.flatnonzero(np.diff(which)) + 1, len(which)).tolist()
-        parts, begin = [], 0
-        for end in ends:
-            parts.append(Modes(*structures[which[begin]].modes(values[begin:end])))
-            begin = end
-        return joined(parts)
+        runs = np.split(np.arange(len(which)), np.flatnonzero(np.diff(which)) + 1)
+        return joined([Modes(*structures[which[run[0]]].modes(values[run])) for run in runs])
 
     return modes

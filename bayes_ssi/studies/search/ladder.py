@@ -26,7 +26,7 @@ from bayes_ssi.inference.sampling.mixture import HEAVY_TAILS, StudentMixture
 from bayes_ssi.inference.sampling.regions import local_maxima
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 from bayes_ssi.inference.workers.run import Run
-from bayes_ssi.structures.finite_elements.projected_structure import kinds_of_elements
+from bayes_ssi.structures.finite_elements.projected_structure import all_but_places
 from bayes_ssi.studies.search.approximate_evidence import (
     FULL,
     LOOK,
@@ -68,8 +68,8 @@ def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, S
 
 def _can_be_looked_at(hypothesis: ToScreen) -> bool:
     model_class, simpler = hypothesis
-    kinds = [kinds_of_elements(test.structure) for test in model_class.configurations]
-    return simpler is not None and None not in kinds
+    joint = [all_but_places(test.structure) for test in model_class.configurations]
+    return simpler is not None and None not in joint
 
 
 def _look(hypothesis: ToScreen, target: Target, seed: int) -> Screened | None:
