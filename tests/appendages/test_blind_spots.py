@@ -8,6 +8,8 @@ import pytest
 from conftest import MODEL_CLASSES, kept_study, succeeded
 
 import bayes_ssi as bs
+from bayes_ssi.plots.figure_style import figures_for_files
+from bayes_ssi.plots.place_plots import plot_blind_spots
 from bayes_ssi.studies.appendages import hidden_cases as module
 
 STUDY = MODEL_CLASSES / "bare_building.py"
@@ -141,3 +143,8 @@ def test_the_command_prints_and_saves_the_map(run, tmp_path, spots, monkeypatch)
     record = json.loads((tmp_path / "map" / "blind_spots.json").read_text("utf-8"))
     assert len(record["cases"]) == n
     assert (tmp_path / "map" / "blind_spots.png").stat().st_size > 1000
+    with figures_for_files():
+        (cells,) = plot_blind_spots(spots).axes[0].collections
+    first = spots.cases[0].frequency_hz
+    edges = first * (7.5 / first) ** np.array([-0.5, 0.5, 1.5])  # halfway between the frequencies
+    np.testing.assert_allclose(cells.get_coordinates()[0, :, 0], edges)

@@ -157,9 +157,12 @@ def test_of_many_hypotheses_only_the_better_ones_are_screened_in_full(efforts):
 
 
 @pytest.mark.usefixtures("efforts")
-@pytest.mark.parametrize(("height", "n_screened"), [(0.0, 3), (-20.0, 2)])
+@pytest.mark.parametrize(("height", "n_screened"), [(0.0, 3), (-11.7, 3), (-12.1, 2), (-20.0, 2)])
 def test_what_a_look_leaves_out_is_out_of_reach(monkeypatch, height, n_screened):
-    """Greatest likelihoods are 5 nats above evidences; two hypotheses are screened at once."""
+    """Greatest likelihoods are 5 nats above evidences, a thousandth is 6.9 below all.
+
+    Two hypotheses are screened at once.
+    """
     hypotheses = of_heights(0.0, height, height)
     looks = {i: replace(screened(each, each.height + 5.0), laplace=math.nan)
              for i, (each, _) in enumerate(hypotheses)}  # fmt: skip

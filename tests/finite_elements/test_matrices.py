@@ -139,6 +139,10 @@ class TestCounting:
         for shift in (0.01, 0.503, 2.03, 5.07):
             assert sparse_modes.count_below(ordered, mass, shift) == (eigenvalues < shift).sum()
 
+    @pytest.mark.parametrize(("gap", "last"), [(1.5e-6, 1), (0.7e-6, None)])
+    def test_a_millionth_is_a_gap(self, gap, last):
+        assert sparse_modes._last_before_a_gap(np.array([1.0, 1.0 + gap]), 1) == last
+
     def test_a_mode_that_lanczos_overlooks_is_noticed(self, monkeypatch):
         stiffness, mass = membrane(20), sp.csc_array(sp.eye_array(400))
         order = sparse_modes.fill_reducing_order(stiffness)

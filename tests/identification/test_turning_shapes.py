@@ -59,10 +59,8 @@ def by_trapezoids(kappa, model, shapes, sds):
         halved = (np.abs(np.diff(values)) > 0.05) & (areas > 1e-7 * areas.sum())
         middles = 0.5 * (grid[1:] + grid[:-1])[halved]
         places = np.flatnonzero(halved) + 1
-        grid, values = (
-            np.insert(grid, places, middles),
-            np.insert(values, places, exponents(middles)),
-        )
+        grid = np.insert(grid, places, middles)
+        values = np.insert(values, places, exponents(middles))
     mean = np.trapezoid(np.exp(values - values.max()), grid) / (math.pi * ive(0, kappa))
     return math.log(mean) + values.max()
 
@@ -142,11 +140,8 @@ def test_the_turn_is_not_one_at_which_no_sensor_sees_the_mode():
 
 def test_nodes_do_not_step_over_the_turn_at_which_no_sensor_sees_the_mode():
     """Its density has a narrow gap there, and is the same on both sides of it."""
-    model, shapes, sds = (
-        np.array([[1.0, 0.0], [0.0, 0.003]]),
-        np.array([[1.0, 0.0]] * 2),
-        np.array([0.1, np.inf]),
-    )
+    model, sds = np.array([[1.0, 0.0], [0.0, 0.003]]), np.array([0.1, np.inf])
+    shapes = np.array([[1.0, 0.0]] * 2)
     turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
     (mean,) = Turned.of(np.zeros(1), turning).log_means
     assert mean == pytest.approx(by_trapezoids(0.0, model, shapes, sds), abs=1e-3)
@@ -167,11 +162,13 @@ def test_shapes_parallel_at_the_sensors_look_alike_at_every_turn():
 
 @pytest.mark.parametrize("sd", [1e-2, 1e-4, 1e-5])
 def test_a_small_error_of_the_shape(sd):
-    """Of one shape along an axis: ∫ exp(-t²/(2σ²)) over -π/2 to π/2, over π."""
-    model, shapes, sds = np.eye(2, 3), np.eye(1, 3).repeat(2, axis=0), np.array([sd, np.inf])
+    """Of one shape at a turn of 0.3: ∫ exp(-(t - 0.3)²/(2σ²)) over a range of π, over π."""
+    model, sds = np.eye(2, 3), np.array([sd, np.inf])
+    shapes = np.array([[math.cos(0.3), math.sin(0.3), 0.0]] * 2)
     turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
-    (mean,) = Turned.of(np.zeros(1), turning).log_means
-    assert mean == pytest.approx(math.log(sd * math.sqrt(2.0 / math.pi)), abs=1e-3)
+    turned = Turned.of(np.zeros(1), turning)
+    assert turned.log_means[0] == pytest.approx(math.log(sd * math.sqrt(2.0 / math.pi)), abs=1e-3)
+    assert turned.angles[0] == pytest.approx(0.3, abs=1e-6)
 
 
 def test_errors_below_rounding_leave_the_best_turn():

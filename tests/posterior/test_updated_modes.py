@@ -54,11 +54,8 @@ def test_shapes_are_scaled_and_turned_to_the_identified_ones(case_c, model_class
 def test_shapes_of_a_large_structure_are_kept_at_its_sensors():
     n = model_at_draws.MOST_PLACES + 1
     k = bs.Parameter("k", bs.LogNormal(1000.0, 0.1))
-    data = bs.ModalData(
-        (bs.IdentifiedMode("1", 0.08, np.array([0.5, 1.0])),),
-        band_hz=(0.0, 0.1),
-        sensors=("floor 50", f"floor {n}"),
-    )
+    mode = bs.IdentifiedMode("1", 0.08, np.array([0.5, 1.0]))
+    data = bs.ModalData((mode,), band_hz=(0.0, 0.1), sensors=("floor 50", f"floor {n}"))
     tower = bs.ShearBuilding((1.0,) * n, (k,) * n)
     candidate = bs.ModelClass("tower", tower, data, bs.ErrorModel(0.02, 0.05), pairing={"1": 1})
     (modes,) = model_at_draws.configuration_modes(candidate, np.array([[1000.0], [1010.0]]))
@@ -165,11 +162,8 @@ SHORT = bs.SamplingSettings(log_evidence_error=1.0, particles=48, searches=1, ma
 
 def two_tests(case_c, frame, augmented, fixed_error):
     """A class of two tests; the second has more modes, other sensors and a spurious mode."""
-    some = bs.ModalData(
-        tuple(replace(m, shape=m.shape[:2] if m.label != "1" else None) for m in case_c.modes),
-        case_c.band_hz,
-        case_c.sensors[:2],
-    )
+    modes = tuple(replace(m, shape=m.shape[:2] if m.label != "1" else None) for m in case_c.modes)
+    some = bs.ModalData(modes, case_c.band_hz, case_c.sensors[:2])
     return bs.ModelClass(
         "two tests",
         error=fixed_error,
@@ -205,9 +199,7 @@ def test_likelihoods_are_those_of_the_structure(model_class):
     assert known.parameters == model_class.parameters
     np.testing.assert_array_equal(known.log_likelihood(values), model_class.log_likelihood(values))
     if "frequency_cov" not in model_class.parameter_names:
-        np.testing.assert_array_equal(
-            changed(known).log_likelihood(values[5:9]),
-            changed(model_class).log_likelihood(values[5:9]),
-        )
+        ours, own = (changed(each).log_likelihood(values[5:9]) for each in (known, model_class))
+        np.testing.assert_array_equal(ours, own)
     with pytest.raises(ValueError, match="known at the stored draws only"):
         known.log_likelihood(values + 1.0)

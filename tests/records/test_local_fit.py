@@ -245,11 +245,8 @@ def test_the_prior_of_forces_that_evidence_takes_integrates_to_one(m):
     """
     rng = np.random.default_rng(8)
     turns = np.array([0.4, 1.3])[:m]
-    modes = Resonances(
-        np.array([1.95, 2.08])[:m],
-        np.array([0.015, 0.02])[:m],
-        np.array([np.cos(turns), np.sin(turns)]).astype(complex),
-    )
+    shapes = np.array([np.cos(turns), np.sin(turns)]).astype(complex)
+    modes = Resonances(np.array([1.95, 2.08])[:m], np.array([0.015, 0.02])[:m], shapes)
     half = rng.standard_normal((m, 2, 2))
     scales = 0.01 * np.eye(2) + 0.02 * half @ half.swapaxes(1, 2)
     sizes = np.array([0.3, 0.2])[:m]

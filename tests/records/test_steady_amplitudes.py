@@ -165,11 +165,8 @@ def test_the_limit_is_half_the_length_of_the_shape():
     """Of two modes at two of three sensors: variances of (ln f, ln ζ), then of components."""
     variances = np.array([9.0, 9.0, 9.0, 9.0, 0.12, 0.12, 0.12, 0.14])
     modes = Resonances(np.array([1.0, 5.0, 2.0]), np.full(3, 0.02), np.ones((3, 3)))
-    band = SimpleNamespace(
-        modes=modes,
-        fit=SimpleNamespace(modes=modes),
-        estimates=lambda *_: (None, np.diag(variances)),
-    )
+    fit, covariance = SimpleNamespace(modes=modes), np.diag(variances)
+    band = SimpleNamespace(modes=modes, fit=fit, estimates=lambda *_: (None, covariance))
     kept, left_out = modes_to_quote([band], (0.5, 3.0), [0, 2], are_given=False)
     assert kept == [(band, [0])]
     assert left_out == [(2.0, 0.02)]

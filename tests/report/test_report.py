@@ -206,11 +206,7 @@ def test_a_saved_figure_is_shown_at_its_size(tmp_path):
 
 def test_columns_settings_and_numbers_as_they_are_written():
     assert texts.heading("identified_hz") == "identified (Hz)"
-    assert [texts.of_numbers(name) for name in ("low", "before_hz", "mode")] == [
-        True,
-        True,
-        False,
-    ]
+    assert list(map(texts.of_numbers, ("low", "before_hz", "mode"))) == [True, True, False]
     assert texts.settings(bs.SamplingSettings()).startswith("log evidence error 0.01, searches 4, ")
     assert number(None) == number(float("nan")) == interval(None) == percent(None) == "-"
     assert number(-0.001, ".2f") == "0.00"

@@ -111,12 +111,8 @@ def test_walkers_change_between_far_regions():
         parts = [-0.5 * (((z - c) / 0.1) ** 2).sum(1) + math.log(w) for c, w in ((2, 3), (-2, 1))]
         return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
 
-    proposal = StudentMixture(
-        np.array([0.5, 0.5]),
-        np.array([[2.0, 2.0], [-2.0, -2.0]]),
-        np.array([0.1 * np.eye(2)] * 2),
-        np.full(2, 5.0),
-    )
+    means, factors = np.array([[2.0, 2.0], [-2.0, -2.0]]), np.array([0.1 * np.eye(2)] * 2)
+    proposal = StudentMixture(np.full(2, 0.5), means, factors, np.full(2, 5.0))
     ensembles = run(regions, proposal)
     share = np.mean([ensemble.draws[:, 0] > 0 for ensemble in ensembles])
     size = statistics_of(TARGET, ensembles).bulk_sizes.min()

@@ -7,7 +7,13 @@ import pytest
 from scipy import stats
 
 from bayes_ssi.inference.sampling.mixture import StudentMixture, choose_mixture, fit_mixture
-from bayes_ssi.inference.sampling.regions import MOST_DRAWS, Regions, find_regions
+from bayes_ssi.inference.sampling.regions import (
+    MOST_DRAWS,
+    Regions,
+    _neighbouring_pairs,
+    _Paths,
+    find_regions,
+)
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 MEANS = np.array([[0.5, -1.0], [3.0, 2.0]])
@@ -265,6 +271,14 @@ def test_a_few_draws_and_a_few_stray_draws_are_no_region():
     log_density, draws = bumps(0.0, n=500)
     stray = np.array([[9.0, 9.0], [9.1, 9.0], [-9.0, 9.0]])
     assert regions_of(log_density, np.concatenate([draws, stray])).n_regions == 1
+
+
+def test_groups_meet_at_their_highest_draws_and_at_the_four_highest_pairs_of_neighbours():
+    """Draws as high as their number, from 0 to 5 and from 6 to 11, each next to one opposite."""
+    draws = np.arange(12)
+    nearest = np.column_stack([draws, draws[::-1]])
+    pairs = _neighbouring_pairs(draws // 6, nearest, _Paths(None, None, 1.0 * draws))
+    assert pairs.tolist() == [[5, 11], [5, 6], [4, 7], [3, 8], [2, 9]]
 
 
 def test_shares_of_weighted_draws():

@@ -234,6 +234,7 @@ def test_nearest_neighbours_of_a_few_points(n):
 @pytest.mark.parametrize("value", [-np.inf, np.nan])
 def test_an_impossible_likelihood_is_reported(value):
     target = Target(lambda z: np.full(len(z), value), 2)
+    assert [len(each) for each in search_starts(target, 9, np.random.default_rng(0))] == [0, 0]
     with pytest.raises(ValueError, match=f"^the likelihood is zero at all of {4 * DRAWS} draws"):
         searches(target)
 

@@ -17,6 +17,7 @@ from bayes_ssi.inference.sampling.mixture import (
     StudentMixture,
     choose_mixture,
     monomials,
+    tails_within,
 )
 from bayes_ssi.inference.sampling.regions import find_regions
 from bayes_ssi.inference.sampling.target import SuggestedStarts, Target
@@ -161,6 +162,10 @@ def test_points_that_polynomials_miss_widen_the_component(rng):
     _, widths = bend_along(wide, np.abs(wide), np.ones(4000), 2)
     # |x| less its least-squares quadratic has the variance 1 - 2/π - 1/π of a normal x.
     assert widths[1] == pytest.approx(math.sqrt(1.0 + 1.0 - 3.0 / math.pi), rel=0.01)
+
+
+def test_tails_are_light_within_a_level_and_lighter_in_many_dimensions():
+    assert (tails_within(5), tails_within(20)) == (30.0, 120.0)
 
 
 def test_bent_mixtures_have_the_density_of_their_draws(rng):

@@ -154,7 +154,7 @@ class TestMatricesOfNoProgram:
 
     def test_damaged(self, tmp_path):
         (tmp_path / "frame.npz").write_bytes(b"PK\x03\x04 no archive")
-        with pytest.raises(ValueError, match=r"frame.npz: cannot be read; damaged or truncated\?"):
+        with pytest.raises(ValueError, match=r"frame.npz: cannot .* BadZipFile: File is not a zip"):
             bs.read_model(tmp_path / "frame.npz")
         np.savez(tmp_path / "vectors.npz", K=np.ones(3), M=np.ones(3))
         with pytest.raises(

@@ -181,11 +181,7 @@ def uncoupled(x):
     """Two oscillators, whose frequencies cross at x = 0: modes in ascending order, (B, ...)."""
     frequencies = np.column_stack([2.0 * np.exp(0.3 * x), 2.0 * np.exp(-0.2 * x)])
     order = np.argsort(frequencies, axis=1)
-    shapes = np.tile(np.eye(2), (len(x), 1, 1))
-    return bs.Modes(
-        np.take_along_axis(frequencies, order, axis=1),
-        np.take_along_axis(shapes, order[:, None, :], axis=2),
-    )
+    return bs.Modes(np.sort(frequencies, axis=1), np.eye(2)[:, order].swapaxes(0, 1))
 
 
 @pytest.mark.parametrize("representation", [ModalOperator(2, 2), TrackedModes(2, 2)])

@@ -133,6 +133,8 @@ def test_a_baseline_that_another_class_beats():
         "(!) 'one': without any appendage, 'rival' beats it by 6.2 nats.",
         "Left out: it has a mast",
     ]
+    beaten[0].probability = 0.01  # of those that the answer names
+    assert baseline_notes(record) == ["Left out: it has a mast"]
 
 
 def test_losses_are_in_percent():
