@@ -126,6 +126,8 @@ def test_each_set_of_values_is_computed_once():
     made.modes(np.array([[1.0]]))
     with pytest.raises(ValueError, match="at k = -1"):
         made.modes(np.array([[-1.0]]))
+    hz = made.modes_or_nan(np.array([[-1.0], [1.0]])).frequencies_hz
+    np.testing.assert_allclose(hz, [[math.nan] * 2, [0.5 / math.pi] * 2])
     assert calls == [1.0, -1.0]
 
 
