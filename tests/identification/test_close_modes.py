@@ -256,11 +256,16 @@ def test_a_turned_pair_is_shown_as_it_turns_and_is_no_misfit(pairing):
 
 @pytest.mark.parametrize("pairing", [{"a": 1, "b": 2}, "any"])
 def test_joint_errors_that_are_independent_change_nothing_of_a_turned_pair(pairing):
+    """Nor do signs of shapes, with any errors."""
     data = turned_data(30.0, 0.003, error=0.02)
     sds = {"frequency_cov": 0.004, "shape_sd": 0.02}
     alone = replace(data, modes=tuple(replace(mode, **sds) for mode in data.modes))
-    joint = replace(data, covariance=np.diag(np.repeat([0.004**2, 0.02**2], [2, 8])))
+    variances = np.repeat([0.004**2, 0.02**2], [2, 8])
+    joint = replace(data, covariance=np.diag(variances))
     assert likelihood(joint, 0.004, pairing) == pytest.approx(likelihood(alone, 0.004, pairing))
+    uneven = replace(data, covariance=np.diag(variances * np.linspace(0.5, 2.0, 10)))
+    other = replace(uneven, modes=tuple(replace(one, shape=-one.shape) for one in data.modes))
+    assert likelihood(other, 0.004, pairing) == pytest.approx(likelihood(uneven, 0.004, pairing))
 
 
 @pytest.mark.parametrize("apart", [0.0, 60.0])

@@ -242,13 +242,9 @@ def identified(augmented, missing=True):
         shape = shape + 0.01 * rng.standard_normal(3)
         if missing and label == "b":
             shape[1] = np.nan
-        modes.append(
-            bs.IdentifiedMode(
-                label,
-                frequencies[0, i] * (1.0 + 0.005 * rng.standard_normal()),
-                None if missing and label == "c" else shape,
-            )
-        )
+        hz = frequencies[0, i] * (1.0 + 0.005 * rng.standard_normal())
+        seen = None if missing and label == "c" else shape
+        modes.append(bs.IdentifiedMode(label, hz, seen))
     factor = 0.004 * np.random.default_rng(0).standard_normal((12, 12))
     return bs.ModalData(tuple(modes), (0.0, 6.0), SENSORS, covariance=factor @ factor.T)
 

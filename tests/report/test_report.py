@@ -183,10 +183,8 @@ def test_the_findings_of_a_search(found_in_case_c, tmp_path):
 
 
 def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "bayes_ssi.report.report_figures._drawn_classes",
-        lambda stored: [(stored.comparison.best.name, False)],
-    )
+    drawn = "bayes_ssi.report.report_figures._drawn_classes"
+    monkeypatch.setattr(drawn, lambda stored: [(stored.comparison.best.name, False)])
     page = page_of(found_in_case_c, tmp_path / "r")
     answer, rest = page.source.split('<nav aria-label="Sections">')
     assert 'aria-label="Probability of an appendage by place"' in answer

@@ -76,11 +76,8 @@ def spoil_tail(s):
     heavy = weights[order[0]] + 0.15 / len(weights) * chances / (1.0 - chances)
     log_likelihoods = s.importance.log_likelihoods.copy()
     log_likelihoods[order] += np.log(heavy / weights[order])
-    return replace(
-        s,
-        settings=bs.SamplingSettings(log_evidence_error=1e9),
-        importance=replace(s.importance, log_likelihoods=log_likelihoods),
-    )
+    importance = replace(s.importance, log_likelihoods=log_likelihoods)
+    return replace(s, settings=bs.SamplingSettings(log_evidence_error=1e9), importance=importance)
 
 
 def spoil_coverage(s):

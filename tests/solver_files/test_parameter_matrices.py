@@ -32,11 +32,8 @@ def export(columns=1.0, thickness=1.0, labels=LABELS, digits=None, coupled=0.0):
     if digits is not None:
         stiffness = np.vectorize(lambda value: float(f"{value:.{digits - 1}e}"))(stiffness)
     order = [LABELS.index(name) for name in labels] if set(labels) == set(LABELS) else slice(None)
-    matrices = Matrices(
-        [matrix[order][:, order] for matrix in (stiffness, thickness * DENSITY)],
-        ("K", "M"),
-        labels=labels,
-    )
+    ordered = [matrix[order][:, order] for matrix in (stiffness, thickness * DENSITY)]
+    matrices = Matrices(ordered, ("K", "M"), labels=labels)
     factors = {
         name: value for name, value in (("columns", columns), ("slab", thickness)) if value != 1.0
     }

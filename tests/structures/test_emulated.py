@@ -65,6 +65,14 @@ def test_runs_are_reproduced_and_claimed_errors_are_those_between():
     assert np.quantile(errors, 0.9) < claimed < 20 * np.median(errors)
 
 
+def test_few_runs_leave_the_size_of_errors_uncertain(monkeypatch):
+    """Of six runs of two properties Student's t has 3 degrees of freedom, and a variance of 3."""
+    name = "bayes_ssi.structures.emulation.emulated_runs.mode_errors"
+    monkeypatch.setattr(name, lambda *_: np.ones((1, 2)))
+    fit = emulated(OWN, RUNS)._fit_for(2)
+    np.testing.assert_allclose(fit.ratios * fit.process.left_out[1][:, None], 3**0.5)
+
+
 def test_one_factor_for_all_properties_is_emulated_from_the_same_runs():
     common = emulated(dict.fromkeys(NAMES, bs.Parameter("all", PRIOR)), RUNS)
     own = emulated(OWN, RUNS)
