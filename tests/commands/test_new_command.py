@@ -50,6 +50,8 @@ def test_nothing_is_overwritten(run):
     assert Path("mine.csv").read_text() == "precious"
     assert not Path("mine.py").exists()
     assert run("new", "none/mine").exit_code == 2
+    for name in (".", "a\tb"):
+        assert_one_line_error(run("new", name), f"study: {name!r} is not a file name")
     assert_one_line_error(run("new", "other", "--kind", "bridge"), "'bridge' is not one of")
 
 

@@ -144,10 +144,8 @@ def test_a_mode_that_a_test_lacks_is_said_and_labels_that_disagree_are_numbers()
 
 def test_frequencies_alone_and_missing_sensors():
     first, second = mode("1", 1.0, [0.6, 0.8]), mode("1", 1.0, [0.6, np.nan, 0.7])
-    merged = merged_of(
-        a=record(first, mode("2", 2.0)),
-        b=record(second, mode("2", 2.0), sensors=("x", "y", "z")),
-    )
+    alone = mode("2", 2.0)
+    merged = merged_of(a=record(first, alone), b=record(second, alone, sensors=("x", "y", "z")))
     first, second = merged.data.modes
     np.testing.assert_allclose(first.shape / first.shape[0], [1.0, 0.8 / 0.6, 0.7 / 0.6])
     assert second.shape is None
@@ -229,10 +227,8 @@ def test_estimates_on_both_sides_of_an_edge_are_one_mode_where_their_errors_allo
 
 def test_a_mode_that_one_did_not_identify_and_another_did_is_identified():
     seen = ((2.01, "its fit is not explained"), (2.60, "too weak"))
-    merged = merged_of(
-        a=record(mode("1", 1.0), identifications=(replace(FOUND, not_identified=seen),)),
-        b=record(mode("1", 1.0), mode("2", 2.0)),
-    )
+    one = record(mode("1", 1.0), identifications=(replace(FOUND, not_identified=seen),))
+    merged = merged_of(a=one, b=record(mode("1", 1.0), mode("2", 2.0)))
     assert merged.data.identifications[0].not_identified == seen[1:]
     (check,) = merged.data.all_failed_checks
     assert "2.6 Hz that is not identified (too weak)" in check

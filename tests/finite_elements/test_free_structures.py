@@ -151,11 +151,9 @@ def test_a_free_body_in_a_plane():
     bending, mass, _ = beam(40)
     links = np.diff(np.eye(41), axis=0)
     stretching = 100.0 * 40.0 * links.T @ links
-    both = (
-        sp.block_diag([bending, stretching]),
-        sp.block_diag([mass, np.diag(np.r_[0.5, np.ones(39), 0.5]) / 40.0]),
-    )
-    stiffness, mass = map(sp.csc_array, both)
+    along = np.diag(np.r_[0.5, np.ones(39), 0.5]) / 40.0
+    stiffness = sp.csc_array(sp.block_diag([bending, stretching]))
+    mass = sp.csc_array(sp.block_diag([mass, along]))
     free = bs.MatrixStructure([(EI, stiffness)], mass, n_modes=3, sensors={"end": 0, "tip": 122})
     assert free.n_rigid_modes == 3
     expected = np.array([BETA[0] ** 2 / (2.0 * np.pi), 5.0, BETA[1] ** 2 / (2.0 * np.pi)])

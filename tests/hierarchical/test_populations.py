@@ -9,6 +9,7 @@ import bayes_ssi as bs
 from bayes_ssi.inference.sampling.target import log_standard_normal
 from bayes_ssi.results.hierarchy import populations
 from bayes_ssi.results.hierarchy.likelihood_fit import (
+    _least_squares,
     averaged,
     fit_likelihood,
     forms_of,
@@ -185,3 +186,20 @@ def test_a_normal_likelihood_is_matched_exactly_even_where_it_says_nothing():
     far = draws + RNG.standard_normal(draws.shape)
     assert np.abs(fit.log_ratios).max() < 1e-9
     np.testing.assert_allclose(log_sum(fit.components, far), likelihood(far), atol=1e-7)
+
+
+def test_a_search_goes_on_from_a_step_to_singular_precisions(monkeypatch):
+    """To exp(-2 (x - 1)²), whose mean under N(0, 1) is exp(-0.4)/√5."""
+    x, normal, steps = np.linspace(-2.0, 2.0, 9)[:, None], standard_form(1), []
+
+    def singular_once(forms):
+        if not steps and not np.array_equal(forms[0], 2.0 * normal):
+            steps.append(forms)
+            raise np.linalg.LinAlgError
+        return log_integrals(forms)
+
+    monkeypatch.setattr("bayes_ssi.results.hierarchy.likelihood_fit.log_integrals", singular_once)
+    likelihoods, evidence = -2.0 * (x[:, 0] - 1.0) ** 2, -0.5 * np.log(5.0) - 0.4
+    forms, _ = _least_squares(normal[None], x, likelihoods, normal, evidence)
+    np.testing.assert_allclose(forms, [[[4.0, -4.0], [-4.0, 4.0]]], rtol=1e-6)
+    assert len(steps) == 1

@@ -26,41 +26,32 @@ def test_defaults():
     assert IdentificationModel() == IdentificationModel(0.95, 0.1)
 
 
-@pytest.mark.parametrize("name", ["frequency_cov", "shape_sd"])
-@pytest.mark.parametrize(
-    ("value", "error", "message"),
-    [
-        (0.0, ValueError, "must be positive .* got 0.0"),
-        (math.inf, ValueError, "must be positive .* got inf"),
-        (Parameter("e", Normal(0.01, 0.01)), ValueError, "must be positive, but .* 'e'"),
-        ("1 %", TypeError, "must be a number.* got '1 %'"),
-    ],
-)
-def test_impossible_error_sizes_are_refused(name, value, error, message):
-    with pytest.raises(error, match=f"ErrorModel: {name} {message}"):
-        ErrorModel(**{name: value})
-
-
 UNIFORM = Parameter("r", Uniform(0.0, 1.0))
+SIZES, CORRELATIONS = ("frequency_cov", "shape_sd"), ("between_tests", "between_modes")
+LEAVES = "must be .*, which 'r' .* can leave"
 
 
-@pytest.mark.parametrize("name", ["between_tests", "between_modes"])
 @pytest.mark.parametrize(
-    ("value", "error", "message"),
+    ("names", "value", "error", "message"),
     [
-        (1.0, ValueError, "must be at least 0 and below 1, got 1.0"),
-        (-0.1, ValueError, "must be at least 0 and below 1, got -0.1"),
-        (math.nan, ValueError, "must be at least 0 and below 1, got nan"),
-        (Parameter("r", Uniform(-0.1, 0.5)), ValueError, "must be .*, which 'r' .* can leave"),
-        (Parameter("r", LogNormal(0.1, 0.3)), ValueError, "must be .*, which 'r' .* can leave"),
-        (2.0 * UNIFORM, ValueError, "must be .*, which 'r' .* can leave"),
-        (0.9 / UNIFORM, ValueError, "must be .*, which 'r' .* can leave"),
-        ("half", TypeError, "must be a number.* got 'half'"),
+        (SIZES, 0.0, ValueError, "must be positive .* got 0.0"),
+        (SIZES, math.inf, ValueError, "must be positive .* got inf"),
+        (SIZES, Parameter("e", Normal(0.01, 0.01)), ValueError, "must be positive, but .* 'e'"),
+        (SIZES, "1 %", TypeError, "must be a number.* got '1 %'"),
+        (CORRELATIONS, 1.0, ValueError, "must be at least 0 and below 1, got 1.0"),
+        (CORRELATIONS, -0.1, ValueError, "must be at least 0 and below 1, got -0.1"),
+        (CORRELATIONS, math.nan, ValueError, "must be at least 0 and below 1, got nan"),
+        (CORRELATIONS, Parameter("r", Uniform(-0.1, 0.5)), ValueError, LEAVES),
+        (CORRELATIONS, Parameter("r", LogNormal(0.1, 0.3)), ValueError, LEAVES),
+        (CORRELATIONS, 2.0 * UNIFORM, ValueError, LEAVES),
+        (CORRELATIONS, 0.9 / UNIFORM, ValueError, LEAVES),
+        (CORRELATIONS, "half", TypeError, "must be a number.* got 'half'"),
     ],
 )
-def test_impossible_correlations_are_refused(name, value, error, message):
-    with pytest.raises(error, match=f"ErrorModel: {name} {message}"):
-        ErrorModel(**{name: value})
+def test_impossible_sizes_and_correlations_of_errors_are_refused(names, value, error, message):
+    for name in names:
+        with pytest.raises(error, match=f"ErrorModel: {name} {message}"):
+            ErrorModel(**{name: value})
 
 
 @pytest.mark.parametrize("value", [0.0, 0.9, UNIFORM, 0.5 * UNIFORM, UNIFORM**2])

@@ -17,7 +17,7 @@ from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.plots.place_plots import plot_layout
 from bayes_ssi.report.tables.plan_tables import layout_rows
 from bayes_ssi.studies.planning import layout_values
-from bayes_ssi.studies.planning.centred_draws import Seen, log_ratios
+from bayes_ssi.studies.planning.centred_draws import Seen, _resampled, log_ratios
 from bayes_ssi.studies.planning.planned_class import PlannedClass, shape_distances
 
 BAND = (0.0, 6.0)
@@ -102,6 +102,13 @@ def scored(planned_class, tests, n, layout, z):
     n_rows, n_data, n_model = weights.shape
     pairs = PairingWeights(weights, np.zeros(n_data), np.zeros((n_rows, n_model)))
     return unpaired[0] + log_sum(pairs)
+
+
+def test_no_draw_alone_decides_where_searches_start():
+    """Of shares 0.97 and three of 0.01, the first counts as much as the root of a quarter."""
+    log_weights = 100.0 + np.log([[[0.97, 0.01, 0.01, 0.01]]])
+    drawn = _resampled(log_weights, 20_000, np.random.default_rng(0))
+    assert np.mean(drawn == 0) == pytest.approx(0.5 / 0.53, abs=0.01)
 
 
 def test_tests_are_scored_as_the_package_scores_them(two_classes):
@@ -318,9 +325,10 @@ def test_more_draws_are_chosen_until_no_check_fails(two_classes, monkeypatch):
 def test_ties_are_called_ties(small):
     best = small.best
     tie = replace(best, sensors=("other",), gain=best.gain - 0.9 * best.error)
-    worse = replace(best, sensors=("third",), gain=best.gain - 1.1 * best.error)
+    worse = replace(best, sensors=tuple("abcdefghij"), gain=best.gain - 1.1 * best.error)
     tied = replace(small, layouts=(best, tie, worse))
     assert [row[0] for row in layout_rows(tied)[1:4]] == ["best", "tie", ""]
+    assert layout_rows(tied)[3][1] == "a, b, c, d, e, f, g, h and 2 more"
     assert "(a tie within its error with other)" in tied.summary()
     one, two, three = best, *(replace(best, sensors=FLOORS[:n]) for n in (2, 3))
     wide = replace(small, layouts=(three,), by_number=(one, two, three), knee=2)

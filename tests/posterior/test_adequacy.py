@@ -64,10 +64,8 @@ def test_p_values_of_right_classes_are_uniform(frame, case_c, pairing):
     n_sets, found = 200, []
     for _ in range(n_sets):
         values, data = simulated(candidate, rng)
-        own = replace(
-            candidate,
-            configurations=[replace(candidate.configurations[0], data=data, pairing=pairing)],
-        )
+        test = replace(candidate.configurations[0], data=data, pairing=pairing)
+        own = replace(candidate, configurations=[test])
         found.append(at(own, values, rng))
     of_parts = [
         *([row.modes[i].misfit.p_value for row in found] for i in range(3)),
