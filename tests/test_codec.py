@@ -164,6 +164,8 @@ def test_a_digest_tells_places_and_signs():
     digests = [digest_of(each) for each in (NUMBERS, -NUMBERS, NUMBERS[::-1], NUMBERS[:, ::-1])]
     assert len(set(digests)) == 4
     assert steady_digest(np.zeros(3), np.arange(3)) == steady_digest(-np.zeros(3), np.arange(3))
+    far, (a, b) = 10_000 + np.arange(2), np.array([[3.0, 4.0], [4.0, 3.0]])
+    assert steady_digest(a, far) != steady_digest(b, far)
 
 
 @pytest.mark.parametrize("off", [-1e-12, 0.0, 1e-12])

@@ -20,10 +20,8 @@ def covariance(m=2, n=3, seed=0):
 
 
 def modes():
-    return (
-        bs.IdentifiedMode("1", 1.0, [0.6, 0.8, 0.0]),
-        bs.IdentifiedMode("2", 2.5, [0.8, -0.6, np.nan]),
-    )
+    first = bs.IdentifiedMode("1", 1.0, [0.6, 0.8, 0.0])
+    return first, bs.IdentifiedMode("2", 2.5, [0.8, -0.6, np.nan])
 
 
 def data(**changes):

@@ -110,11 +110,9 @@ class Crossing(bs.Structure):
 
 @pytest.fixture
 def crossing_data():
-    modes = (
-        bs.IdentifiedMode("of x", 2.0, [1.0, 0.05]),
-        bs.IdentifiedMode("of y", 2.01, [0.05, 1.0]),
-    )
-    return bs.ModalData(modes, (0.0, 4.0), ("x", "y"))
+    of_x = bs.IdentifiedMode("of x", 2.0, [1.0, 0.05])
+    of_y = bs.IdentifiedMode("of y", 2.01, [0.05, 1.0])
+    return bs.ModalData((of_x, of_y), (0.0, 4.0), ("x", "y"))
 
 
 @pytest.mark.parametrize("pairing", ["any", {"of x": 1, "of y": 2}])

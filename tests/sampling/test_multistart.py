@@ -168,6 +168,8 @@ def test_a_flat_likelihood_has_the_maximum_of_the_prior(d):
     result = searches(Target(lambda z: np.full(len(z), -7.0), d))
     np.testing.assert_allclose(result.maxima.z, np.zeros((1, d)), atol=0.1)
     np.testing.assert_allclose(result.maxima.precisions, np.eye(d)[None], atol=1e-3)
+    beside = math.sqrt(d) * np.outer([0.8, 1.2], np.eye(d)[0])  # sds, of each coordinate
+    assert result.maxima.are_at(beside).tolist() == [[True, False]]
     assert result.maxima.laplace_estimate.log_evidence == pytest.approx(-7.0, abs=2e-3)
     assert result.converged
 
