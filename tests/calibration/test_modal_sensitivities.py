@@ -20,10 +20,8 @@ def model_class(names=("k1", "k2", "k3", "m1"), pairing=None, **errors):
     def times(name):
         return multiplier(name) if name in names else 1.0
 
-    structure = bs.ShearBuilding(
-        masses=[times(f"m{i}") for i in range(1, N + 1)],
-        stiffnesses=[200.0 * times(f"k{i}") for i in range(1, N + 1)],
-    )
+    masses = [times(f"m{i}") for i in range(1, N + 1)]
+    structure = bs.ShearBuilding(masses, [200.0 * times(f"k{i}") for i in range(1, N + 1)])
     data = exact_modes(structure, structure.degrees_of_freedom, (0.0, 6.0))
     error = bs.ErrorModel(**({"frequency_cov": 0.01, "shape_sd": 0.05} | errors))
     pairing = pairing or {str(i): i for i in range(1, N + 1)}

@@ -5,10 +5,12 @@ import re
 import subprocess
 import sys
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import pytest
 from conftest import assert_one_line_error, succeeded
 
+from bayes_ssi.commands.calibrate import _conclusion
 from bayes_ssi.inference.workers.run import Checkpoint
 from bayes_ssi.results.stored_result import load_result
 
@@ -147,6 +149,11 @@ def test_calibrate_says_what_is_not_unique(run, tiny_study_file):
     result = run("calibrate", tiny_study_file, "--class", "each k", "--shape-weight", "0")
     assert "The fit is not unique" in result.stdout
     assert "'one k'" not in result.stdout
+    fits = [SimpleNamespace(objective=each, distance=0.0) for each in (0.01, 0.02, 0.03)]
+    calibration = SimpleNamespace(name="c", best=fits[0], before=fits[1], minima=fits)
+    assert "2 further minima fit less well. How" in _conclusion(calibration)
+    fits[1].objective = 0.01
+    assert "2 further minima were reached, of which some fit as well." in _conclusion(calibration)
 
 
 def test_calibrate_says_what_is_not_determined(run, study_file):
@@ -291,8 +298,6 @@ def test_check_takes_the_band_of_modes_that_do_not_state_it(run, tmp_path):
     assert "Band: 0 to 6 Hz. Sensors: roof." in done.output
     assert_one_line_error(run("check", tmp_path / "m.csv"), "m.csv: no band; add a line such as")
     (tmp_path / "r.csv").write_text("# rate_hz, 9\nA (g),A (g)\n1,2\n2,1\n3,3\n")
-    assert_one_line_error(
-        run("check", tmp_path / "r.csv"),
-        "r.csv: record: two sensors are named 'A'; name all in their order (--sensor)",
-    )
+    words = "r.csv: record: two sensors are named 'A'; name all in their order (--sensor)"
+    assert_one_line_error(run("check", tmp_path / "r.csv"), words)
     assert_one_line_error(run("check", tmp_path / "r.csv", "--band", 0, 6), "--band: applies to mo")

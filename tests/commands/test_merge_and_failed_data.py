@@ -86,11 +86,8 @@ WORDS = "2 checks of the identified modes failed"
 def path(tmp_path_factory, tiny_study):
     """The tiny study, its modes read from a file whose identification failed."""
     directory = tmp_path_factory.mktemp("study")
-    failed = identified(
-        "tower.csv",
-        doubts=(CHECK.removeprefix("identified from tower.csv: "),),
-        not_identified=((2.5, "two modes share its peak"),),
-    )
+    doubt, missed = CHECK.removeprefix("identified from tower.csv: "), "two modes share its peak"
+    failed = identified("tower.csv", doubts=(doubt,), not_identified=((2.5, missed),))
     data = replace(tiny_study.model_classes[0].data, identifications=(failed,))
     bs.write_modal_data(data, directory / "modes.csv")
     begin, end = TINY_STUDY.index("modes = bs.ModalData("), TINY_STUDY.index("error = bs.")
