@@ -89,6 +89,7 @@ def test_the_share_of_errors_is_inferred_and_said(of_second_storey):
     assert "would be taken for a change" in words
     further = " ".join(further_sentences(of_second_storey.record))
     assert "of the errors of the model, which is wrong in the same way before and after" in further
+    assert "not considered" not in further  # losses alone were asked for
 
 
 def changed_by(*elements, labels=("1", "2", "3"), rng_seed=1):
@@ -143,6 +144,7 @@ def test_a_mass_that_came_is_found_as_one():
     record = screened_changes(changed_by(bs.AddedMass(0.1, [(2, 1.0)])))
     assert record.hypotheses[0].name == "mass on floor 2"
     assert record.kinds["a mass"] > 0.9
+    assert "An appendage that came or went was not" in " ".join(further_sentences(record))
     ((low, _, high),) = record.place("mass on floor 2").amounts.values()
     assert low < 0.1 < high
     assert high - low < 0.08

@@ -153,11 +153,9 @@ def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_
     k, x = (bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in ("k", "x"))
     one = bs.ShearBuilding((1.0,), (K * k,))
     two = one.with_element(bs.Pendulum(on=1, mass=0.001, frequency=1.4 * x))
-    classes = [
-        bs.ModelClass("spurious", one, data, ERROR, pairing={"1": 1}),
-        bs.ModelClass("pendulum", two, data, ERROR, pairing={"1": 1, "2": 2}),
-    ]
-    even, far = weighted(classes, (1.0, 0.1))
+    spurious = bs.ModelClass("spurious", one, data, ERROR, pairing={"1": 1})
+    pendulum = bs.ModelClass("pendulum", two, data, ERROR, pairing={"1": 1, "2": 2})
+    even, far = weighted([spurious, pendulum], (1.0, 0.1))
     failed = [text for text in even.failed_checks if "differ in" in text]
     # Odds of 1/2 with half as many spurious modes expected; p_D, from 0.95 to 0.90 or 0.975, moves
     # them by 5 %.
