@@ -85,11 +85,11 @@ def close_pairs(
     """
     distances = relative_distances(frequencies_hz.T[:-1], frequencies_hz.T[1:])
     others = np.where(np.isnan(observed), distances, observed)
-    with np.errstate(invalid="ignore"):  # of equal frequencies that are not compared
-        near = 2.0 * others * distances * variances[:, 1] < variances[:, 0]  # κ < 1/(4σ_φ²)
-    rows = np.flatnonzero(near.any(axis=0))
-    if not len(rows):
+    with np.errstate(divide="ignore", invalid="ignore"):  # of equal frequencies not compared, too
+        near = others * distances < 0.5 * variances[:, 0] / variances[:, 1]  # κ < 1/(4σ_φ²)
+    if not np.count_nonzero(near):
         return None
+    rows = np.flatnonzero(near.any(axis=0))
     places = np.where(near, np.where(np.isnan(order), distances, order), np.inf).T[rows]
     some, lower = np.nonzero(near.T[rows] & _are_closest(places))
     own = np.broadcast_to(variances, (len(frequencies_hz), 2))[rows[some]]

@@ -198,7 +198,7 @@ class ModalLikelihood:
             return ComparedModes(frequencies, unit, unit, unit, gains)
         shapes = self.shapes_at_sensors(modes)
         distances = self.pairs.shape_distances(shapes)
-        turned = np.zeros(distances.T.shape).T
+        turned = np.zeros_like(distances)
         if self.error.repeats_between_tests or self.data.covariance is not None:
             unit = self.pairs.unit_model_shapes(shapes)
         close = self.close_pairs(values, frequencies)
