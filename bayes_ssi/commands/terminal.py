@@ -148,11 +148,11 @@ def _meta() -> dict[str, Any]:
     return {} if context is None else context.meta
 
 
-def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
-    context.meta[f"{META}.{option.name}"] = value
-
-
-KEPT: dict[str, Any] = {"is_flag": True, "expose_value": False, "callback": _keep}
+KEPT: dict[str, Any] = {
+    "is_flag": True,
+    "expose_value": False,
+    "callback": lambda context, option, on: context.meta.update({f"{META}.{option.name}": on}),
+}
 QUIET_HELP = "Print nothing but errors, and the record of --json; the exit code says the rest."
 QUIET_OPTION = click.Option(["--quiet"], help=QUIET_HELP, **KEPT)  # for any command
 

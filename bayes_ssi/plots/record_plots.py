@@ -108,8 +108,9 @@ def plot_complexity(identified: ModalIdentification) -> Figure:
     polar = {"projection": "polar"}
     figure, axes = look.panels_of(len(frequencies), 0.0, 1.9, subplot_kw=polar)
     for frequency, ax in zip(frequencies, axes, strict=True):
-        band = min(identified.bands, key=lambda each: each.distance_to(frequency))
-        data = band.fit.data
+        ends = np.array([each.band_hz for each in identified.bands])
+        nearest = np.abs(frequency - ends.mean(axis=1)) / np.ptp(ends, axis=1)
+        data = identified.bands[nearest.argmin()].fit.data
         nearest = np.abs(data.frequencies_hz - frequency).argmin()
         leading = np.linalg.eigh(data.matrices[nearest])[1][:, -1]
         motion = data.to_channels[channels] @ leading

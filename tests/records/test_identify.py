@@ -15,10 +15,18 @@ from simulated_records import FRAME, simulated_record, truth_of, with_infill
 import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES, Peak
 from bayes_ssi.measurements.records import explained_band
+from bayes_ssi.measurements.records.band_search import explain
 from bayes_ssi.measurements.records.explained_band import ExplainedPeak
 from bayes_ssi.measurements.records.local_fit import Fitter
-from bayes_ssi.measurements.records.modal_identification import peaks_without_mode, quoted_modes
+from bayes_ssi.measurements.records.modal_identification import (
+    broad_modes,
+    peaks_without_mode,
+    quoted_modes,
+)
+from bayes_ssi.measurements.records.mode_candidates import candidates
 from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, next_era, tfie
+from bayes_ssi.measurements.records.spectra import Resonances
+from bayes_ssi.measurements.records.usable_motion import usable_motion
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = (0.6, 4.6)
@@ -254,19 +262,57 @@ def test_two_shapes_at_one_frequency_are_two_modes():
     assert cosines.min() > 0.999
 
 
-def test_broad_modes_are_not_left_to_the_background_of_a_narrow_band():
-    """Of a damper: two modes 28 % apart, of nearly one shape, of which a narrow band shows one."""
-    rng = np.random.default_rng(3)
-    shapes = np.array([[0.3, 0.32, 0.8], [0.55, 0.6, 0.3], [0.78, 0.73, -0.5]])
-    true_hz, dampings = np.array([0.86, 1.14, 3.1]), np.array([0.065, 0.08, 0.01])
+BROAD = Resonances(
+    np.array([0.86, 1.14, 3.1]),
+    np.array([0.065, 0.08, 0.01]),
+    np.array([[0.3, 0.32, 0.8], [0.55, 0.6, 0.3], [0.78, 0.73, -0.5]]),
+)
+
+
+@cache
+def with_broad_modes():
+    """Of a damper: two modes 28 % apart, of nearly one shape; and a third."""
+    rng, (true_hz, dampings, shapes) = np.random.default_rng(3), BROAD
     samples = stationary(
         lambda hz: spectra_of(true_hz, (shapes, shapes), dampings, hz), 12000, 8.0, rng
     )
     samples += 0.03 * samples.std(1, keepdims=True) * rng.standard_normal(samples.shape)
-    record = bs.Record(samples, 8.0, ("a", "b", "c"), "acceleration", "g")
-    found = bs.identify(record, (0.45, 2.0))
-    off = np.log(found.quoted.frequencies_hz / true_hz[:2]) / of_modes(found, "frequency_cov")
+    return bs.Record(samples, 8.0, ("a", "b", "c"), "acceleration", "g")
+
+
+def test_broad_modes_are_not_left_to_the_background_of_a_narrow_band():
+    """A narrow band shows one of them."""
+    found = bs.identify(with_broad_modes(), (0.45, 2.0))
+    off = np.log(found.quoted.frequencies_hz / BROAD[0][:2]) / of_modes(found, "frequency_cov")
     assert np.abs(off).max() < 3.0
+
+
+def test_broad_modes_are_tried_where_all_peaks_are_narrow():
+    """Peaks of noise, each in a band of its own whose background explains it."""
+    transforms = usable_motion(with_broad_modes(), (0.45, 2.0), None).transforms()
+    hz = np.array([0.49, 0.56, 0.62, 0.7, 0.8, 0.93, 1.02, 1.06, 1.13, 1.3, 1.5])
+    peaks = Resonances(hz, np.full(11, 0.005), np.tile(BROAD.shapes[:, :1], 11))
+    possible = candidates(transforms, 0.45, 2.0)._replace(peaks=(), of_peaks=peaks)
+    possible = possible._replace(others=BROAD.at([0, 1]), shares=np.full(2, 0.4))
+    (band,) = explain(transforms, possible, (0.45, 2.0), fixed=False, is_driven=False)
+    sds = np.sqrt(band.fit.covariance.diagonal()[:2])
+    assert np.abs(np.log(band.modes.frequencies_hz / BROAD[0][:2]) / sds).max() < 3.0
+
+
+@pytest.mark.parametrize(("damping", "said"), [(0.03, 0), (0.05, 1)])
+def test_a_mode_much_broader_than_the_others_may_be_two(damping, said):
+    """Three times as broad, by more than two standard deviations of 0.003."""
+    modes = tuple(
+        bs.IdentifiedMode(str(f), float(f), [1.0, 0.5], damping=zeta, damping_sd=0.003)
+        for f, zeta in ((1, damping), (3, 0.01), (5, 0.012))
+    )
+    data = bs.ModalData(modes, (0.5, 6.0), ("a", "b"))
+    peaks = [Peak((f,), (i,), None, 0.1, 0.05, 1.0) for i, f in enumerate((1.0, 3.0, 5.0))]
+    sentences = list(broad_modes(data, peaks))
+    assert len(sentences) == said
+    assert all("at 1 Hz: its damping, 5 %, is far above the usual 1.1 %" in s for s in sentences)
+    peaks[0] = replace(peaks[0], modes=(0, 1))  # two already
+    assert not list(broad_modes(data, peaks))
 
 
 def test_what_a_background_of_any_shape_costs():

@@ -140,7 +140,8 @@ def _log_sum(weights: PairingWeights, gains: Mapping[int, FloatArray]) -> FloatA
         each[each < NEGLIGIBLE_LOG_WEIGHT] = -np.inf
     starts = _window_starts(weights, bool(both))
     if starts is not None:
-        log_ratios[_outside(starts, weights).transpose(2, 1, 0)] = -np.inf
+        j, first = np.arange(len(order))[:, None], starts.T[:, None]
+        log_ratios[(j < first) | (j >= first + weights.window)] = -np.inf
     elif len(log_ratios) < len(order) and not both:
         log_ratios = np.ascontiguousarray(log_ratios.transpose(1, 0, 2))
     # Every mode kept track of is scaled by its best pair, so that nothing overflows.
@@ -274,12 +275,6 @@ def _window_starts(weights: PairingWeights, with_pairs: bool = False) -> NDArray
     first = np.clip(middle - weights.window // 2, 0, n - weights.window)
     # Model modes ascend, so windows only move up.
     return np.maximum.accumulate(first, axis=1)
-
-
-def _outside(starts: NDArray[np.intp], weights: PairingWeights) -> NDArray[np.bool_]:
-    """The pairs (B, J, I) of sorted identified modes and model modes outside the windows."""
-    j = np.arange(weights.log_ratios.shape[1])[None, :, None]
-    return (j < starts[:, None, :]) | (j >= starts[:, None, :] + weights.window)
 
 
 def _sum(

@@ -45,7 +45,8 @@ def log_shape_normaliser(shape_sd: FloatArray, d: int) -> FloatArray:
         log_caps = math.log(2.0) + 0.5 * (d - 1) * np.log(2.0 * math.pi * variance)
         normaliser = np.array(log_caps + np.log1p(curved * variance))
     if not small.all():
-        normaliser[~small] = _by_quadrature(sd[~small], d)
+        rest = _log_integral(np.zeros(()), sd[~small], d)
+        normaliser[~small] = math.log(2.0) + log_sphere_area(d - 1) + rest
     return normaliser
 
 
@@ -83,11 +84,6 @@ def _series(d: int) -> tuple[FloatArray, float]:
     while kappa - 0.5 * (d - 1) * math.log(kappa) < -math.log(NEGLIGIBLE):
         kappa *= 1.05
     return coefficients, 1.0 / kappa
-
-
-def _by_quadrature(shape_sd: FloatArray, d: int) -> FloatArray:
-    """log Z_d(σ) by quadrature, of any shape."""
-    return math.log(2.0) + log_sphere_area(d - 1) + _log_integral(np.zeros(()), shape_sd, d)
 
 
 def _log_integral(start: FloatArray, shape_sd: FloatArray, d: int) -> FloatArray:

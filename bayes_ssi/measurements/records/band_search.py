@@ -39,6 +39,7 @@ NATS_OF_PHASES = 5.0  # sensors are in step but for few records
 NATS_OF_ONE_BAND = (-8.0, 50.0)  # at most, of what drives all
 NATS_TO_GIVE_UP = -14.0  # of the bands that were compared
 SHARE_OF_ORDERS = 0.5  # beyond which a pole is tried where there is no peak, too
+BROAD = 0.03  # dampings from which a peak may be hidden by those of its noise
 DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 
 # Reach beyond the modes: a share of the frequency, and no fewer bandwidths or lines.
@@ -107,14 +108,18 @@ def explain(
     transforms: Transforms, possible: Candidates, band_hz: BandHz, fixed: bool, is_driven: bool
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
-    # Poles that many orders agree on, where no peak's band reaches, are tried, too.
-    f = possible.others.frequencies_hz
-    between = (possible.shares > SHARE_OF_ORDERS) & (f > band_hz[0]) & (f < band_hz[1])
-    for group in groups_of(transforms, possible.of_peaks, band_hz):
-        between &= (f < group.low) | (f > group.high)
-    modes = possible.of_peaks.beside(possible.others.at(between))
-    one_source = is_driven
-    for is_first in (True, False):  # again, with the neighbours that are known then
+    # Where no peak's band reaches, poles that many orders agree on are tried, too; and once what
+    # backgrounds explain has gone, as the narrow peaks of a broad mode's noise, so are broad poles.
+    modes, one_source, others = possible.of_peaks, is_driven, possible.others
+    often, broad = possible.shares > SHARE_OF_ORDERS, others.dampings > BROAD
+    for is_first, tried in ((True, often), (False, broad), (False, np.zeros_like(broad))):
+        f = others.frequencies_hz
+        between = tried & (f > band_hz[0]) & (f < band_hz[1])
+        for group in groups_of(transforms, modes, band_hz):
+            between &= (f < group.low) | (f > group.high)
+        if tried is broad and not between.any():
+            continue
+        modes = modes.beside(others.at(between))
         groups = groups_of(transforms, modes, band_hz, near_share=NEAR_SHARE * is_first)
         spectra = [(group, spectra_of_group(transforms, group, modes)) for group in groups]
         parts = [_Band(group, at) for group, at in spectra if at is not None]

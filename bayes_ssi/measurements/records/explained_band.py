@@ -62,11 +62,6 @@ class Explained:
     is_wanted: bool
     halves: tuple[LocalFit, ...] = ()  # its modes in each half of the record, with phases
 
-    def distance_to(self, frequency_hz: float) -> float:
-        """How far a frequency is from the middle of the band, in half bands."""
-        low, high = self.band_hz
-        return abs(2.0 * frequency_hz - low - high) / (high - low)
-
     def singular_values(self) -> FloatArray:
         """Of the fitted spectral matrices of all channels (K, r), descending."""
         data = self.fit.data

@@ -68,7 +68,7 @@ def explained_on_time(
     for n_left in reversed(range(MOST_SEARCHES + 1)):
         on_time = transforms.turned(seconds)
         bands = explain(on_time, possible.turned(seconds), band_hz, fixed, is_driven)
-        delays = _delays_of_bands(bands)
+        delays = _delays_of_bands(bands) if bands else []
         sure = [delay for delay in delays if delay.is_sure]
         if not (sure and n_left):
             break
@@ -80,9 +80,7 @@ def explained_on_time(
 
 
 def _delays_of_bands(bands: Sequence[Explained]) -> list[Delay]:
-    of_bands = [complex_shapes(each.fit) for each in bands]
-    if not of_bands:
-        return []
+    of_bands = (complex_shapes(each.fit) for each in bands)
     frequencies, shapes, covariances = zip(*of_bands, strict=True)
     return delays_of(
         np.concatenate(shapes, axis=1), np.concatenate(covariances), np.concatenate(frequencies)

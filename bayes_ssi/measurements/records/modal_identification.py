@@ -41,6 +41,7 @@ MOST_VARIATION = 8.0  # power of a window over the median; beyond, loads are not
 SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
 FEWEST_DAMPINGS = 3  # with which one is compared
 LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others'
+MOST_DAMPING_OVER_USUAL = 3.0
 MOST_SHAPE_SD = 0.5  # of a quoted unit shape, which leaves a MAC of 0.8 to be expected
 ESTIMATED = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
 
@@ -189,6 +190,7 @@ def identify(
             *(doubt for explained, _ in kept if (doubt := explained.doubt)),
             *(f"{peak}" for peak in peaks if peak.is_open),
             *_wandering_lines(quoted, kept, on_time.transforms),
+            *broad_modes(quoted, peaks),
         ),
         quoted=quoted,
         bands=tuple(bands),
@@ -332,6 +334,19 @@ def _wandering_lines(
             yield (
                 f"mode at {mode.frequency_hz:.4g} Hz: {', and '.join(why)}: is it a wandering line "
                 "of a machine?"
+            )
+
+
+def broad_modes(quoted: ModalData, peaks: Sequence[Peak]) -> Iterable[str]:
+    """A sentence for each mode alone at its peak that is so broad that it may be two."""
+    dampings, sds = np.array([[mode.damping, mode.damping_sd] for mode in quoted.modes]).T
+    for peak, i in ((each, *each.modes) for each in peaks if len(each.modes) == 1 < len(dampings)):
+        usual = float(np.median(np.delete(dampings, i)))
+        if dampings[i] - 2.0 * sds[i] > MOST_DAMPING_OVER_USUAL * usual:
+            yield (
+                f"mode at {peak.frequencies_hz[0]:.4g} Hz: its damping, {100.0 * dampings[i]:.2g} "
+                f"%, is far above the usual {100.0 * usual:.2g} %: is it two modes, as a damper "
+                f"makes? Closer than {peak.resolution_hz:.2g} Hz, they could not be told apart"
             )
 
 

@@ -59,7 +59,10 @@ def _fitted(columns: Sequence[Column], n_names: int, width: int, gap: int) -> li
     """Columns with their widths: what they need, then more for names first, if there is room."""
     widths = [_least_width(column, width) for column in columns]
     room = width - _with_gaps(widths, gap)
-    enough = [_width_on_one_line(column) for column in columns]
+    enough = [
+        _longest("\n".join([str(column.header), *map(str, column.cells)]).splitlines())
+        for column in columns
+    ]
     for growing in (range(n_names), range(n_names, len(columns))):
         while room > 0 and (wrapped := [i for i in growing if widths[i] < enough[i]]):
             widths[min(wrapped, key=lambda i: widths[i])] += 1
@@ -87,11 +90,6 @@ def _least_width(column: Column, width: int) -> int:
         return max(heading, _longest(line for cell in cells for line in cell.splitlines()))
     longest = max(heading, _longest(word for cell in cells for word in cell.split()))
     return min(longest, max(width // 4, NARROWEST_COLUMN))
-
-
-def _width_on_one_line(column: Column) -> int:
-    texts = [str(column.header), *(str(cell) for cell in column.cells)]
-    return _longest(line for text in texts for line in text.splitlines())
 
 
 def _longest(texts: Iterable[str]) -> int:

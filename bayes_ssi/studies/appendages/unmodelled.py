@@ -209,8 +209,9 @@ def unmodelled_appendage(ranking: Ranking, run: Run) -> str:
     where = places[int(np.argmax([each.log_evidence for each in screened]))].description
     left = ", ".join(label_in(name, repr(one)) for _, name, labels in spurious for one in labels)
     looks = looks or f"{best.name!r} takes {left} for spurious"
+    times = f"{math.exp(nats):.2g}" if nats < 10.0 else f"e^{nats:.0f}"
     return (
-        f"{looks}: with an appendage, most probably {where}, the data are {_times(nats)} as "
+        f"{looks}: with an appendage, most probably {where}, the data are {times} times as "
         f"probable as by {best.name!r} alone, whose parameters then stand for what it lacks{ASK}"
     )
 
@@ -230,7 +231,3 @@ def _split(data: ModalData, name: str, spurious: list[str]) -> list[str]:
         two = f"{low.label!r} and {high.label!r} ({100.0 * gap:.0f} % apart{shapes})"
         pairs.append(label_in(name, two))
     return pairs
-
-
-def _times(nats: float) -> str:
-    return f"{math.exp(nats):.2g} times" if nats < 10.0 else f"e^{nats:.0f} times"
