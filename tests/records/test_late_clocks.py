@@ -87,7 +87,7 @@ def test_a_delay_that_is_not_sure_is_said_and_not_removed(monkeypatch):
 def test_delays_of_several_searches_add_up(monkeypatch):
     """And the lines are turned by their sum, 2π f τ."""
     seen = iter([[Delay(1, 0.010, 1e-3, 1.0)], [Delay(1, 0.002, 1e-3, 1.0)], []])
-    monkeypatch.setattr(late_clocks, "explain", lambda *_: [])
+    monkeypatch.setattr(late_clocks, "explain", lambda *_: [None])
     monkeypatch.setattr(late_clocks, "_delays_of_bands", lambda _: next(seen))
     lines = Transforms(10, 0.1, 1.0, np.ones((2, 30), complex))
     found = SimpleNamespace(turned=lambda _: None)

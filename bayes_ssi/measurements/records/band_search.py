@@ -108,19 +108,12 @@ def explain(
     transforms: Transforms, possible: Candidates, band_hz: BandHz, fixed: bool, is_driven: bool
 ) -> list[Explained]:
     """The bands of all candidates' peaks, explained; those next to the search, too."""
-    # Where no peak's band reaches, poles that many orders agree on are tried, too; and once what
-    # backgrounds explain has gone, as the narrow peaks of a broad mode's noise, so are broad poles.
-    modes, one_source, others = possible.of_peaks, is_driven, possible.others
-    often, broad = possible.shares > SHARE_OF_ORDERS, others.dampings > BROAD
-    for is_first, tried in ((True, often), (False, broad), (False, np.zeros_like(broad))):
-        f = others.frequencies_hz
-        between = tried & (f > band_hz[0]) & (f < band_hz[1])
-        for group in groups_of(transforms, modes, band_hz):
-            between &= (f < group.low) | (f > group.high)
-        if tried is broad and not between.any():
-            continue
-        modes = modes.beside(others.at(between))
-        groups = groups_of(transforms, modes, band_hz, near_share=NEAR_SHARE * is_first)
+    others, one_source = possible.others, is_driven
+
+    def explained(
+        groups: Sequence[Group], modes: Resonances, is_first: bool = False
+    ) -> tuple[list[Explained], Resonances]:
+        nonlocal one_source
         spectra = [(group, spectra_of_group(transforms, group, modes)) for group in groups]
         parts = [_Band(group, at) for group, at in spectra if at is not None]
         if is_first and not is_driven:
@@ -132,13 +125,42 @@ def explain(
             of_one_source = _all_explained(parts, True, possible, fixed)
             if _n_doubtful(of_one_source) < _n_doubtful(bands):
                 one_source, bands = True, of_one_source
-        modes = modes_of(bands, len(transforms.values))
+        return bands, modes_of(bands, len(transforms.values))
+
+    # Poles that many orders agree on, where no peak's band reaches, are tried, too.
+    often = others.at(possible.shares > SHARE_OF_ORDERS)
+    modes = possible.of_peaks.beside(_between(transforms, possible.of_peaks, often, band_hz))
+    for is_first in (True, False):  # again, with the neighbours that are known then
+        groups = groups_of(transforms, modes, band_hz, near_share=NEAR_SHARE * is_first)
+        bands, modes = explained(groups, modes, is_first)
+    # Backgrounds explain a broad mode whose peak noise breaks into narrow ones: so are broad poles.
+    tried = _between(transforms, modes, others.at(others.dampings > BROAD), band_hz)
+    if tried.n_modes:
+        more = modes.beside(tried)
+        groups = [
+            each._replace(is_wanted=bool(np.isin(tried[0], each.modes.frequencies_hz).any()))
+            for each in groups_of(transforms, more, band_hz)
+        ]
+        more = explained(groups, more)[1]
+        if more.n_modes > modes.n_modes:
+            bands, modes = explained(groups_of(transforms, more, band_hz), more)
     wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
     return [
         _of_other_reach(transforms, band, narrow if band.doubt else wide, possible, fixed, modes)
         for band in bands
     ]
+
+
+def _between(
+    transforms: Transforms, modes: Resonances, poles: Resonances, band_hz: BandHz
+) -> Resonances:
+    """The poles in the search that no band of the modes reaches."""
+    f = poles.frequencies_hz
+    between = (f > band_hz[0]) & (f < band_hz[1])
+    for group in groups_of(transforms, modes, band_hz):
+        between &= (f < group.low) | (f > group.high)
+    return poles.at(between)
 
 
 def modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:

@@ -40,7 +40,8 @@ SHORTEST_DECAYS = 1.0
 MOST_VARIATION = 8.0  # power of a window over the median; beyond, loads are not steady
 SHOWN_WIDTH = 0.01  # of the blocks of the spectrum that is shown
 FEWEST_DAMPINGS = 3  # with which one is compared
-LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others'
+LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others', among which may be those of a damper:
+LEAST_DAMPING = 0.005  # of structures, but for few
 MOST_DAMPING_OVER_USUAL = 3.0
 MOST_SHAPE_SD = 0.5  # of a quoted unit shape, which leaves a MAC of 0.8 to be expected
 ESTIMATED = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
@@ -325,7 +326,7 @@ def _wandering_lines(
         why = ["its amplitude is steadier than random loads leave a mode's"] * is_steady
         if len(dampings) >= FEWEST_DAMPINGS:
             usual = float(np.median(np.delete(dampings, i)))
-            if dampings[i] + 2.0 * sds[i] < LEAST_DAMPING_OVER_USUAL * usual:
+            if dampings[i] + 2.0 * sds[i] < min(LEAST_DAMPING_OVER_USUAL * usual, LEAST_DAMPING):
                 why.append(
                     f"its damping, {100.0 * dampings[i]:.2g} %, is far below the usual "
                     f"{100.0 * usual:.2g} %"

@@ -8,7 +8,8 @@ for, and the order of batches, are the same in every run.
 
 from collections.abc import Callable, Sequence
 from contextvars import copy_context
-from threading import Lock, Thread, get_ident
+from queue import SimpleQueue
+from threading import Thread, get_ident
 from typing import Any, Generic, TypeVar
 
 Q = TypeVar("Q")
@@ -32,7 +33,7 @@ class SideBySide(Generic[Q, A]):
         """The answer, with those to the questions that the other computations ask meanwhile."""
         own = self._running.get(get_ident())
         answer = own.wait(question) if own else self._answer_all([question])[0]
-        if isinstance(answer, Exception):
+        if isinstance(answer, BaseException):
             raise answer
         return answer
 
@@ -42,7 +43,7 @@ class SideBySide(Generic[Q, A]):
         try:
             waiting = [one for one in every if one.goes_on()]
             while waiting:
-                answers = self._answer_all([one.question for one in waiting])
+                answers = self._answer_all([one.asked[0] for one in waiting])
                 for one, answer in zip(waiting, answers, strict=True):
                     one.answer = answer
                 waiting = [one for one in waiting if one.goes_on()]
@@ -57,7 +58,7 @@ class _Abandoned(BaseException):
 
 
 class _Computation(Generic[Q, A, R]):
-    question: Q
+    asked: tuple[Q, ...]  # none at the end
     answer: A | Exception
     result: R
 
@@ -66,10 +67,8 @@ class _Computation(Generic[Q, A, R]):
     ) -> None:
         self._function, self._running = function, running
         self._error: BaseException | None = None
-        self._ended = self._abandoned = False
-        self._may_go_on, self._rests = Lock(), Lock()
-        self._may_go_on.acquire()
-        self._rests.acquire()
+        self._questions = SimpleQueue[tuple[Q, ...]]()
+        self._answers = SimpleQueue[A | BaseException]()
         # With numpy's treatment of floating-point errors, among others.
         self._thread = Thread(target=copy_context().run, args=[self._run], daemon=True)
 
@@ -78,29 +77,22 @@ class _Computation(Generic[Q, A, R]):
         if self._thread.ident is None:
             self._thread.start()
         else:
-            self._may_go_on.release()
-        self._rests.acquire()
+            self._answers.put(self.answer)
+        self.asked = self._questions.get()
         if self._error is not None:
             raise self._error
-        return not self._ended
+        return bool(self.asked)
 
-    def wait(self, question: Q) -> A | Exception:
+    def wait(self, question: Q) -> A | BaseException:
         """In its thread: the answer."""
-        self.question = question
-        self._rests.release()
-        self._may_go_on.acquire()
-        if self._abandoned:
-            raise _Abandoned
-        return self.answer
+        self._questions.put((question,))
+        return self._answers.get()
 
     def abandon(self) -> None:
         """End it, if it has not ended, where it asks next."""
-        if self._thread.ident is None:
-            return
-        self._abandoned = True
-        if not self._ended and self._may_go_on.locked():
-            self._may_go_on.release()
-        self._thread.join()
+        if self._thread.ident is not None:
+            self._answers.put(_Abandoned())
+            self._thread.join()
 
     def _run(self) -> None:
         self._running[get_ident()] = self
@@ -112,5 +104,4 @@ class _Computation(Generic[Q, A, R]):
             self._error = error
         finally:
             del self._running[get_ident()]
-            self._ended = True
-            self._rests.release()
+            self._questions.put(())
