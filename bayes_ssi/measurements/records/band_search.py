@@ -52,10 +52,6 @@ MOST_SDS_BY_REACH = 2.5  # between two estimates from much the same lines
 # Times the sum of bandwidths: modes that are closer share a band. It grows with their mean damping
 # over the usual one: what is broad reaches farther than a background follows.
 SHARED_BAND = (1.25, 2.5)
-# Peaks of broad modes look narrow at first, and bands of their own would leave them to backgrounds:
-# those nearer than this share one, but no more than so many.
-NEAR_SHARE = 0.15
-MOST_OF_NEAR_PEAKS = 4
 MOST_SDS_BY_PHASES = 2.5  # between estimates with real shapes and with phases
 # Dampings of candidates may be far off, most of all below a share of the median of all: modes
 # are grouped, and bands made, as for dampings within these.
@@ -129,12 +125,11 @@ def explain(
 
     # Poles that many orders agree on, where no peak's band reaches, are tried, too.
     often = others.at(possible.shares > SHARE_OF_ORDERS)
-    modes = possible.of_peaks.beside(_between(transforms, possible.of_peaks, often, band_hz))
+    modes = possible.of_peaks.beside(_far(transforms, possible.of_peaks, often, band_hz))
     for is_first in (True, False):  # again, with the neighbours that are known then
-        groups = groups_of(transforms, modes, band_hz, near_share=NEAR_SHARE * is_first)
-        bands, modes = explained(groups, modes, is_first)
+        bands, modes = explained(groups_of(transforms, modes, band_hz), modes, is_first)
     # Backgrounds explain a broad mode whose peak noise breaks into narrow ones: so are broad poles.
-    tried = _between(transforms, modes, others.at(others.dampings > BROAD), band_hz)
+    tried = _far(transforms, modes, others.at(others.dampings > BROAD), band_hz)
     if tried.n_modes:
         more = modes.beside(tried)
         groups = [
@@ -152,15 +147,13 @@ def explain(
     ]
 
 
-def _between(
-    transforms: Transforms, modes: Resonances, poles: Resonances, band_hz: BandHz
-) -> Resonances:
+def _far(transforms: Transforms, modes: Resonances, poles: Resonances, band: BandHz) -> Resonances:
     """The poles in the search that no band of the modes reaches."""
     f = poles.frequencies_hz
-    between = (f > band_hz[0]) & (f < band_hz[1])
-    for group in groups_of(transforms, modes, band_hz):
-        between &= (f < group.low) | (f > group.high)
-    return poles.at(between)
+    are_apart = (f > band[0]) & (f < band[1])
+    for group in groups_of(transforms, modes, band):
+        are_apart &= (f < group.low) | (f > group.high)
+    return poles.at(are_apart)
 
 
 def modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
@@ -305,7 +298,6 @@ def groups_of(
     band_hz: BandHz,
     least_bandwidths: float = LEAST_BANDWIDTHS,
     share: float = 1.0,
-    near_share: float = 0.0,
 ) -> list[Group]:
     """Modes by band, in ascending order: those in the search, and the next to either side."""
     if not modes.n_modes:
@@ -317,14 +309,8 @@ def groups_of(
     gaps, sums = np.diff(f), widths[1:] + widths[:-1]
     mean_dampings = 0.5 * sums / (f[1:] + f[:-1])
     shared = (SHARED_BAND[0] * mean_dampings / DAMPING).clip(*SHARED_BAND)
-    members: list[list[int]] = []
-    for whole in np.split(np.arange(len(f)), np.flatnonzero(gaps >= shared * sums) + 1):
-        for part in _divided(whole.tolist(), gaps / sums):
-            near = members and f[part[0]] < (1.0 + near_share) * f[members[-1][-1]]
-            if near and len(members[-1]) + len(part) <= MOST_OF_NEAR_PEAKS:
-                members[-1] += part
-            else:
-                members.append(part)
+    wholes = np.split(np.arange(len(f)), np.flatnonzero(gaps >= shared * sums) + 1)
+    members = [part for whole in wholes for part in _divided(whole.tolist(), gaps / sums)]
     usual = 2.0 * modes.dampings.clip(*DAMPINGS_OF_REACH) * f
     reach = share * np.maximum(REACH * f, least_bandwidths * usual)
     reach = reach.clip(FEWEST_LINES_OF_REACH * transforms.line_hz)
