@@ -114,7 +114,7 @@ def _drawn(stored: StoredResult, plan: Plan | None) -> Iterator[tuple[str, str, 
     evidence = plots.plot_evidence(stored.comparison, most=MOST_CLASSES)
     yield "ranking", "Log evidence of every model class", evidence
     if stored.search is not None:
-        caption = f"Probability of {stored.search.a_feature} by place"
+        caption = f"Probability of {stored.search.a_feature} by place, over all hypotheses"
         yield "search", caption, plots.plot_places(stored.search)
     if plan is not None:
         yield "plan", "Sensors of the next test", plots.plot_layout(plan)

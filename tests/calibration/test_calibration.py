@@ -231,16 +231,13 @@ def test_one_frequency_determines_neither_of_two_springs(build, stiffness):
     assert not calibration.determines_all
 
 
-def product_frequencies(a, b, c, d):  # noqa: ARG001 - no frequency depends on d
-    return np.sqrt([a, 4.0 * b * c]), None
-
-
 def one_two_and_none(a_prior=None):
     """Frequencies √a and 2 √(b c): a by itself, b and c together, and d not at all."""
     priors = {name: bs.LogNormal(1.0, 0.3) for name in "abc"} | {"d": bs.Normal(0.0, 1.0)}
     priors["a"] = a_prior or priors["a"]
     arguments = {name: bs.Parameter(name, prior) for name, prior in priors.items()}
-    structure = bs.FunctionStructure(product_frequencies, arguments, n_modes=2)
+    frequencies = lambda a, b, c, d: (np.sqrt([a, 4.0 * b * c]), None)  # noqa: ARG005, E731
+    structure = bs.FunctionStructure(frequencies, arguments, n_modes=2)
     data = bs.ModalData((bs.IdentifiedMode("1", 1.1), bs.IdentifiedMode("2", 2.1)), (0.0, 5.0))
     error = bs.ErrorModel(SIGMA_F)
     return bs.ModelClass("c", structure, data, error, pairing={"1": 1, "2": 2})

@@ -33,11 +33,6 @@ def loose(probabilities):
             for i, probability in enumerate(probabilities)]  # fmt: skip
 
 
-def darkness(colours):
-    """1 - lightness of colours, as the eye weighs red, green and blue."""
-    return 1.0 - np.atleast_2d(colours)[:, :3] @ [0.299, 0.587, 0.114]
-
-
 def title_of(ax):
     return " ".join(ax.figure.get_suptitle().split())
 
@@ -58,7 +53,8 @@ def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_proba
     along = shafts[:, 0] - shafts[:, 1]
     np.testing.assert_allclose(along / np.linalg.norm(along, axis=1)[:, None], [Z, X, Z], atol=1e-9)
     colours = np.array([arrow.get_color()[0] for arrow in arrows])
-    assert (np.diff(darkness(colours)) > 0.0).all()
+    # As the eye weighs red, green and blue.
+    assert (np.diff(colours[:, :3] @ [0.299, 0.587, 0.114]) < 0.0).all()
     assert title_of(ax) == "Most probable: pendulum p5, 0.6000 x 0 to 9, y 0 to 0, z 0 to 4 (m)"
     assert [text.get_text() for text in ax.texts] == ["x", "y", "z"]
     assert "probability of an appendage" in {each.get_xlabel() for each in ax.figure.axes}

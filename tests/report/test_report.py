@@ -187,9 +187,9 @@ def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path
     monkeypatch.setattr(drawn, lambda stored: [(stored.comparison.best.name, False)])
     page = page_of(found_in_case_c, tmp_path / "r")
     answer, rest = page.source.split('<nav aria-label="Sections">')
-    assert 'aria-label="Probability of an appendage by place"' in answer
+    assert 'aria-label="Probability of an appendage by place, over all hypotheses"' in answer
     assert 'data-tip="infill 1-2: probability' in answer
-    assert "Probability of an appendage by place" not in rest
+    assert "Probability of an appendage by place, over all hypotheses" not in rest
 
 
 def test_a_saved_figure_is_shown_at_its_size(tmp_path):

@@ -21,13 +21,6 @@ from bayes_ssi.inference.sampling.target import SuggestedStarts, Target, log_sta
 ASCENTS = 450
 
 
-def peaks_on_axes(d):
-    """Peaks at ±1.8 on the first two axes, or the only one, and their shares."""
-    axes = 1.8 * np.eye(d)[:2]
-    shares = np.arange(2.0 * len(axes), 0.0, -1.0)
-    return np.concatenate([axes, -axes]), shares / shares.sum()
-
-
 A, B = np.array([1.8, 0.0]), np.array([-1.8, 0.0])
 
 
@@ -72,7 +65,10 @@ def maxima_of_shares(*shares):
 
 @pytest.mark.parametrize("d", [1, 2, 4, 10])
 def test_all_tops_are_found_by_every_search(d):
-    centres, shares = peaks_on_axes(d)
+    """At ±1.8 on the first two axes, or the only one."""
+    axes = 1.8 * np.eye(d)[:2]
+    centres, shares = np.concatenate([axes, -axes]), np.arange(2.0 * len(axes), 0.0, -1.0)
+    shares /= shares.sum()
     target = Target(peaks(centres, 0.3, shares), d)
     result = searches(target)
     np.testing.assert_allclose(result.maxima.z, centres, atol=0.01)  # the highest first
