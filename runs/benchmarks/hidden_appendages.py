@@ -112,7 +112,8 @@ def search_one(seed: int) -> dict:
     if not has_one and kind < 2:  # torsion, whose shape along an edge is nearly a sway mode's
         which = int(rng.integers(0, n - 1))
         twisted = shapes[which] * (1.0 + 0.05 * rng.standard_normal(shapes.shape[1]))
-        hz, shapes = np.append(hz, hz[which] * rng.uniform(1.05, 1.3)), [*shapes, twisted]
+        of_torsion = min(hz[which] * rng.uniform(1.05, 1.3), 0.99 * band[1])
+        hz, shapes = np.append(hz, of_torsion), [*shapes, twisted]
         labels.append("torsion")
     data = identified(rng, hz, shapes, labels, band)
     masses, given = building.masses, None
