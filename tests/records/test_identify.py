@@ -290,8 +290,8 @@ def test_broad_modes_are_not_left_to_the_background_of_a_narrow_band():
 def test_broad_modes_are_tried_where_all_peaks_are_narrow():
     """Peaks of noise, each in a band of its own whose background explains it."""
     transforms = usable_motion(with_broad_modes(), (0.45, 2.0), None).transforms()
-    hz = np.array([0.49, 0.56, 0.62, 0.7, 0.8, 0.93, 1.02, 1.06, 1.13, 1.3, 1.5])
-    peaks = Resonances(hz, np.full(11, 0.005), np.tile(BROAD.shapes[:, :1], 11))
+    hz = np.array([0.62, 0.8, 0.93, 1.06, 1.3])
+    peaks = Resonances(hz, np.full(5, 0.005), np.tile(BROAD.shapes[:, :1], 5))
     possible = candidates(transforms, 0.45, 2.0)._replace(peaks=(), of_peaks=peaks)
     possible = possible._replace(others=BROAD.at([0, 1]), shares=np.full(2, 0.4))
     (band,) = explain(transforms, possible, (0.45, 2.0), fixed=False, is_driven=False)
