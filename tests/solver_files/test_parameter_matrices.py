@@ -47,14 +47,6 @@ def formula(terms):
     return [(term.name, term.exponent) for term in terms]
 
 
-def assert_predicts(matrices, columns, thickness):
-    factors = {"columns": columns, "slab": thickness}
-    expected = export(columns, thickness).model
-    for terms, matrix in ((matrices.stiffness, expected.stiffness), (matrices.mass, expected.mass)):
-        total = sum(factors.get(term.name, 1.0) ** term.exponent * term.matrix for term in terms)
-        np.testing.assert_allclose(total.toarray(), matrix.toarray(), rtol=1e-9, atol=1e-9)
-
-
 def test_a_property_that_enters_linearly():
     matrices = bs.parameter_matrices(NOMINAL, [export(1.1)], [export(0.7)])
     assert formula(matrices.stiffness) == [("", 0), ("columns", 1)]
@@ -86,7 +78,10 @@ def test_a_thickness_enters_by_its_first_and_third_power(exports):
     assert formula(matrices.stiffness) == [("", 0), ("columns", 1), ("slab", 1), ("slab", 3)]
     # All of the mass is proportional to the thickness: nothing is constant.
     assert formula(matrices.mass) == [("slab", 1)]
-    assert_predicts(matrices, 0.6, 1.7)
+    factors, expected = {"columns": 0.6, "slab": 1.7}, export(0.6, 1.7).model
+    for terms, matrix in ((matrices.stiffness, expected.stiffness), (matrices.mass, expected.mass)):
+        total = sum(factors.get(term.name, 1.0) ** term.exponent * term.matrix for term in terms)
+        np.testing.assert_allclose(total.toarray(), matrix.toarray(), rtol=1e-9, atol=1e-9)
 
 
 def test_a_single_power():
