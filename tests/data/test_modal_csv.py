@@ -324,15 +324,6 @@ def normal_mode(number, frequency_hz, shape):
     }  # fmt: skip
 
 
-def complex_mode(number, eigenvalue, shape):
-    return {
-        **normal_mode(number, 0.0, np.real(shape)), "analysis_type": 3, "data_type": 5,
-        "eig": eigenvalue, "modal_a": 1.0 + 0j, "modal_b": 1.0 + 0j,
-        "r1": np.array(shape, dtype=complex), "r2": np.zeros(3, complex),
-        "r3": np.zeros(3, complex),
-    }  # fmt: skip
-
-
 def write(path, sets):
     pyuff = pytest.importorskip("pyuff", reason="pip install bayes_ssi[uff]")
     pyuff.UFF(str(path)).write_sets(sets, "overwrite")
@@ -354,7 +345,11 @@ def test_complex_modes(tmp_path):
     # ω = 6 rad/s, damping 2 %: λ = -0.12 ± 5.9988 i; a shape turned by 30 degrees.
     eigenvalue = 6.0 * (-0.02 + 1j * np.sqrt(1 - 0.02**2))
     turned = SHAPES[0] * np.exp(1j * np.pi / 6)
-    path = write(tmp_path / "modes.uff", [complex_mode(1, eigenvalue, turned)])
+    complex_mode = {
+        **normal_mode(1, 0.0, turned.real), "analysis_type": 3, "data_type": 5, "eig": eigenvalue,
+        "modal_a": 1 + 0j, "modal_b": 1 + 0j, "r1": turned, "r2": np.zeros(3), "r3": np.zeros(3),
+    }  # fmt: skip
+    path = write(tmp_path / "modes.uff", [complex_mode])
     (mode,) = bs.read_modal_data(path, band_hz=(0, 6)).modes
     assert mode.frequency_hz == pytest.approx(6.0 / (2 * np.pi), rel=1e-5)
     assert mode.damping == pytest.approx(0.02, rel=1e-4)

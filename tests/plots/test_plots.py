@@ -175,19 +175,11 @@ def test_frequencies_under_an_inferred_pairing_are_those_of_each_draw(make_poste
     assert ends[:, 1] == pytest.approx([-1.0, 1.0])
 
 
-def hover_points(ax):
-    """Text of a point → where it is."""
-    actual = {}
-    for line in ax.lines:
-        if str(line.get_gid()).startswith("hover: "):
-            actual[line.get_gid().removeprefix("hover: ")] = line.get_xydata()[0]
-    return actual
-
-
 def test_identified_modes(case_c):
     band, *shapes = plot_identified_modes(case_c).axes
     assert [text.get_text() for text in band.texts] == ["1", "2a", "2b", "3"]
-    assert hover_points(band)["mode 2a: 2.6043 Hz"][0] == pytest.approx(2.6042925)
+    points = {line.get_gid(): line.get_xydata()[0] for line in band.lines}
+    assert points["hover: mode 2a: 2.6043 Hz"][0] == pytest.approx(2.6042925)
     assert len(shapes) == 4
     # The largest component, at floor 3, is 0.7336 at unit length, that at floor 1 is 0.3314.
     bars = {bar.get_gid().split(", ")[-1]: bar.get_width() for bar in shapes[0].patches}
