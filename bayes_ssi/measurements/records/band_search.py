@@ -128,7 +128,7 @@ def explain(
     modes = possible.of_peaks.beside(_far(transforms, possible.of_peaks, often, band_hz))
     for is_first in (True, False):  # again, with the neighbours that are known then
         bands, modes = explained(groups_of(transforms, modes, band_hz), modes, is_first)
-    # Backgrounds explain a broad mode whose peak noise breaks into narrow ones: so are broad poles.
+    # Noise breaks broad peaks into narrow ones, which backgrounds explain: try broad poles, too.
     tried = _far(transforms, modes, others.at(others.dampings > BROAD), band_hz)
     if tried.n_modes:
         more = modes.beside(tried)
