@@ -24,7 +24,7 @@ from bayes_ssi.measurements.records.modal_identification import (
     peaks_without_mode,
     quoted_modes,
 )
-from bayes_ssi.measurements.records.mode_candidates import candidates
+from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.other_methods import compared, fdd, modes_by, next_era, tfie
 from bayes_ssi.measurements.records.spectra import Resonances
 from bayes_ssi.measurements.records.usable_motion import usable_motion
@@ -293,8 +293,7 @@ def test_broad_modes_are_tried_where_all_peaks_are_narrow():
     transforms = usable_motion(with_broad_modes(), (0.45, 2.0), None).transforms()
     hz = np.array([0.62, 0.8, 0.93, 1.06, 1.3])
     peaks = Resonances(hz, np.full(5, 0.005), np.tile(BROAD.shapes[:, :1], 5))
-    possible = candidates(transforms, 0.45, 2.0)._replace(peaks=(), of_peaks=peaks)
-    possible = possible._replace(others=BROAD.at([0, 1]), shares=np.full(2, 0.4))
+    possible = Candidates((), peaks, BROAD.at([0, 1]), np.full(2, 0.4), np.empty((2, 0)))
     (band,) = explain(transforms, possible, (0.45, 2.0), fixed=False, is_driven=False)
     sds = np.sqrt(band.fit.covariance.diagonal()[:2])
     assert np.abs(np.log(band.modes.frequencies_hz / BROAD[0][:2]) / sds).max() < 3.0
@@ -309,8 +308,7 @@ def test_a_mode_much_broader_than_the_others_may_be_two(damping, said):
     sentences = list(broad_modes(data, peaks))
     assert len(sentences) == said
     assert all("at 1 Hz: its damping, 5 %, is far above the usual 1.1 %" in s for s in sentences)
-    peaks[0] = replace(peaks[0], modes=(0, 1))  # two already
-    assert not list(broad_modes(data, peaks))
+    assert not list(broad_modes(data, [replace(peaks[0], modes=(0, 1))]))  # two already
 
 
 def test_what_a_background_of_any_shape_costs():

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records import late_clocks
@@ -76,8 +77,16 @@ def test_a_delay_that_is_not_sure_is_said_and_not_removed(monkeypatch):
     samples[:] = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], samples[0])
     samples += np.random.default_rng(1).standard_normal((2, 6000))
     record = bs.Record(samples, 20.0, ("a", "b"), "acceleration", "m/s2")
-    monkeypatch.setattr(late_clocks, "delays_of", lambda *_: [Delay(1, 0.3, 0.1, 0.95)])
-    found = bs.identify(record, (0.5, 2.0))
+
+    def delays(*_):
+        assert {
+            each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"
+        } == {1}
+        return [Delay(1, 0.3, 0.1, 0.95)]
+
+    monkeypatch.setattr(late_clocks, "delays_of", delays)
+    with threadpool_limits(limits=2, user_api="blas"):
+        found = bs.identify(record, (0.5, 2.0))
     (failed,) = found.failed_checks
     assert failed.startswith("sensor 'b' may be 0.3 s late against the others (probability 0.95)")
     assert found.modes[0].mean_phase_deg < 5.0

@@ -32,13 +32,6 @@ def searches(target, n_searches=4, seed=0, **kwargs):
     return search_maxima(target, n_searches, np.random.SeedSequence(seed), **kwargs)
 
 
-def one_search(target, seed):
-    """Maxima of one search, with their curvature."""
-    alone = multistart._Searches(target, 40)
-    alone.climb([search_starts(target, DRAWS, np.random.default_rng(seed))])
-    return alone.maxima
-
-
 def finds(maxima, points):
     """Whether each point is a maximum, to within one standard deviation a coordinate."""
     return maxima.are_at(points).any(axis=0)
@@ -54,13 +47,6 @@ def scripted(monkeypatch, script):
         return np.array([{"A": A, "B": B}[name] for name in last[0]]), np.empty((0, 2))
 
     monkeypatch.setattr(multistart, "search_starts", starts)
-
-
-def maxima_of_shares(*shares):
-    """Maxima far apart whose masses are these shares of the posterior."""
-    m = len(shares)
-    precisions = np.full((m, 1, 1), 2.0 * math.pi)  # mass is then height
-    return Maxima(10.0 * np.arange(m)[:, None], np.log(shares), precisions)
 
 
 @pytest.mark.parametrize("d", [1, 2, 4, 10])
@@ -88,7 +74,11 @@ def test_a_narrow_basin_is_found_by_most_searches(seed):
     prior = np.random.default_rng(1).standard_normal((100_000, 4))
     assert 0.002 < is_in_basin(prior).mean() < 0.004  # of 4000 draws a dozen
     target = Target(problem.log_likelihood, 4)
-    hits = [finds(one_search(target, seed), centres) for seed in range(20)]
+    hits = []
+    for seed in range(20):
+        alone = multistart._Searches(target, 40)
+        alone.climb([search_starts(target, DRAWS, np.random.default_rng(seed))])
+        hits.append(finds(alone.maxima, centres))
     assert np.mean(hits, axis=0)[0] > 0.7
     assert np.mean(hits, axis=0)[1:].min() > 0.9
 
@@ -155,7 +145,10 @@ def test_an_earlier_search_counts_as_one(monkeypatch, script, n_searches):
     ],
 )
 def test_a_maximum_found_twice_is_converged(shares, reached_by, converged):
-    search = multistart.MultistartSearch(maxima_of_shares(*shares), np.array(reached_by), 1)
+    """Of maxima far apart whose masses are these shares of the posterior."""
+    precisions = np.full((len(shares), 1, 1), 2.0 * math.pi)  # mass is then height
+    maxima = Maxima(10.0 * np.arange(len(shares))[:, None], np.log(shares), precisions)
+    search = multistart.MultistartSearch(maxima, np.array(reached_by), 1)
     assert search.converged is converged
 
 

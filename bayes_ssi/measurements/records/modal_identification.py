@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bayes_ssi.foundations.argument_types import checked
 from bayes_ssi.foundations.arrays import FloatArray, joined
@@ -104,6 +105,7 @@ class ModalIdentification(InWords, IdentificationSummary):
 
 
 @checked
+@threadpool_limits.wrap(limits=1, user_api="blas")  # of small matrices; more would only wait
 def identify(
     record: Record, band_hz: Sequence[float], *, at: Sequence[float] = (), ground: str | None = None
 ) -> ModalIdentification:
@@ -145,8 +147,7 @@ def identify(
             + "; give frequencies as at, or another band"
         )
     quoted, peaks, grown = quoted_modes(motion.record, band, kept, channels)
-    by_band = [explained.complexity(inside, channels) for explained, inside in kept]
-    complexity = np.concatenate(by_band, axis=1).T.tolist()
+    complexity = np.hstack([each.complexity(inside, channels) for each, inside in kept]).T.tolist()
     dampings = np.array([mode.damping for mode in quoted.modes])
     decays = dampings * quoted.frequencies_hz * duration_s
     too_short = np.flatnonzero(decays < SHORTEST_DECAYS).tolist()

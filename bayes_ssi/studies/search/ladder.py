@@ -60,16 +60,15 @@ def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, S
     Others are not on finite-element models in a small basis, or the likelihood is zero wherever
     they were looked at.
     """
-    some = [i for i, hypothesis in enumerate(hypotheses) if _can_be_looked_at(hypothesis)]
+    some = [
+        i
+        for i, (model_class, simpler) in enumerate(hypotheses)
+        if simpler
+        and None not in (all_but_places(each.structure) for each in model_class.configurations)
+    ]
     step = f"a look at {len(some)}"
     looks = together(partial(_look, seed=seed), [hypotheses[i] for i in some], run, step)
     return {i: look for i, look in zip(some, looks, strict=True) if look is not None}
-
-
-def _can_be_looked_at(hypothesis: ToScreen) -> bool:
-    model_class, simpler = hypothesis
-    joint = [all_but_places(test.structure) for test in model_class.configurations]
-    return simpler is not None and None not in joint
 
 
 def _look(hypothesis: ToScreen, target: Target, seed: int) -> Screened | None:
