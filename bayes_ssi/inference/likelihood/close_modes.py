@@ -85,7 +85,7 @@ def close_pairs(
     """
     distances = relative_distances(frequencies_hz.T[:-1], frequencies_hz.T[1:])
     others = np.where(np.isnan(observed), distances, observed)
-    with np.errstate(divide="ignore", invalid="ignore"):  # of equal frequencies not compared, too
+    with np.errstate(all="ignore"):  # far out in priors, and equal ones that are not compared
         near = others * distances < 0.5 * variances[:, 0] / variances[:, 1]  # κ < 1/(4σ_φ²)
     if not np.count_nonzero(near):
         return None
