@@ -10,6 +10,7 @@ from searches import exact_modes
 import bayes_ssi as bs
 from bayes_ssi.studies.appendages import appendage_search as module
 from bayes_ssi.studies.appendages.baselines import choose_baselines
+from bayes_ssi.studies.appendages.candidates import Candidate, InfillPlace, PendulumPlace
 from bayes_ssi.studies.search.family_search import Draws, FamilySearch, screened_hypotheses
 from bayes_ssi.studies.search.findings import feature_draws, hypotheses_by_probability
 
@@ -121,16 +122,41 @@ def test_two_appendages_are_matched_by_frequency_draw_by_draw(of_heavy_ones):
         assert [p.by_data for p in each.places] == pytest.approx([0.5, 0.5])
         assert each.effective_mass is None
     # Beside the fourth mode: a mass of 2 at a place that moves by 0.9, where sensors move by 1.5.
-    of_places = {first: np.array([0.5, 0.9]), second: np.array([0.5, 0.9])}
-    known = {
-        0: module.Motions(np.array([3, 4]), np.array([1.2, 4.4]), of_places, np.array([1.0, 1.5]))
-    }
+    of_places = dict.fromkeys((first, second), np.array([[0.0, 0.0, 0.9]]))
+    hz, of_sensors = np.array([1.0, 1.2, 4.4]), np.array([[0.2, 1.0, -1.5], [0.0, 0.5, 1.4]])
+    known = {0: module.Motions(np.array([1, 2]), hz, of_places, of_sensors)}
     with_motions = module.matched(by_rank[1], places, known)
-    assert with_motions.mode == 4
+    assert with_motions.mode == 3
     assert with_motions.effective_mass == pytest.approx([2.0 * 0.9**2 / 1.5**2] * 3)
     assert with_motions.effective_ratio == pytest.approx([2.0 * 0.9**2] * 3)
+    by_rank[1].in_model[:] = 0.1  # the modal mass without it is less
+    less = module.matched(by_rank[1], places, known)
+    assert less.effective_mass == pytest.approx(with_motions.effective_mass)
+    assert less.effective_ratio == pytest.approx([2.0 * 0.9**2 / (1.0 - 0.2 * 0.9**2)] * 3)
     assert {p.amounts["mass"] for p in lower.places} == {(1.0, 1.0, 1.0)}
     assert {p.amounts["mass"] for p in upper.places} == {(2.0, 2.0, 2.0)}
+
+
+@pytest.mark.parametrize("kind", ["pendulum", "infill"])
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_the_effective_mass_is_of_the_structure_without_the_appendage(kind, share, main_structure):
+    """The model has a share of it: as many modes as the chain has give the chain's closed form."""
+    vibrating, floor = 0.2, 1  # a fifth of a floor
+    ends = (floor + 1,) if kind == "pendulum" else (floor, floor + 1)
+    masses = np.ones(FLOORS)
+    masses[[end - 1 for end in ends]] += share * vibrating  # all of a pendulum, half of an infill
+    holding = bs.ShearBuilding(tuple(masses), [1000.0] * FLOORS).modes(np.empty((1, 0)))
+    shapes = holding.shapes[0] / np.sqrt(masses @ holding.shapes[0] ** 2)
+    candidate = Candidate("there", ends[0], to=ends[1] if ends[1:] else None)
+    place = (PendulumPlace if kind == "pendulum" else InfillPlace)(candidate)
+    of_places = {place: shapes[[end - 1 for end in ends]]}
+    motions = module.Motions(np.arange(FLOORS), holding.frequencies_hz[0], of_places, shapes)
+    of_place, largest = motions.without(place, 1, np.array([0.0, share * vibrating]))
+    _, closed = main_structure
+    assert of_place[0] == pytest.approx(np.abs(shapes[[end - 1 for end in ends], 1].mean()))
+    assert largest[0] == pytest.approx(np.abs(shapes[:, 1]).max())
+    assert of_place[1] == pytest.approx(np.abs(closed[[end - 1 for end in ends], 1].mean()))
+    assert largest[1] == pytest.approx(np.abs(closed[:, 1]).max())
 
 
 def test_frequencies_that_are_apart_are_two_answers(of_heavy_ones):

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
@@ -52,6 +53,8 @@ from bayes_ssi.studies.search.findings import (
 
 FREQUENCIES_APART = 1.1  # frequencies with nothing between them over this factor are two answers,
 LEAST_SHARE_OF_A_GROUP = 0.05  # if each has this share of the probability
+# Motions without a mass that the model has are computed at this many amounts, up to this share of
+N_AMOUNTS, LARGEST_LOSS = 9, 0.99  # a modal mass, and interpolated.
 # Draws of the appendage of one rank by frequency, of several hypotheses in turn, a record each:
 # numbers of the hypothesis, which do not fall, and of the place; what it is; its weight; and the
 # weight under a prior that is uniform in the logarithm of mass.
@@ -174,12 +177,35 @@ class SearchRecord(FamilyRecord):
 
 
 class Motions(NamedTuple):
-    """Motions in the modes of a baseline that the sensors see, at unit modal mass."""
+    """Motions in the modes of a baseline, at unit modal mass."""
 
-    numbers: NDArray[np.intp]  # (m,), of the modes, from 1
+    seen: NDArray[np.intp]  # the modes that sensors see, from 0
     frequencies_hz: FloatArray  # (m,)
-    of_places: Mapping[AppendagePlace, FloatArray]  # place → (m,)
-    of_sensors: FloatArray  # (m,), that of the sensor that moves most
+    of_places: Mapping[AppendagePlace, FloatArray]  # place → (n_ends, m)
+    of_sensors: FloatArray  # (n_sensors, m)
+
+    def without(
+        self, place: AppendagePlace, mode: int, in_model: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Of a place and of the sensor that moves most, less vibrating masses ``in_model`` (n,).
+
+        Of the structure without an appendage that it has as mass at the place, by its modes in the
+        coordinates of these: Λ v = μ (I - Σ m_k φ_k φ_kᵀ) v.
+        """
+        whole: Any = place.element(1.0, 1.0)
+        shares = [whole.mass * share for _, share in whole.as_mass().shares]
+        ends = self.of_places[place]
+        lost = np.einsum("k,ki,kj", shares, ends, ends)
+        most = min(in_model.max(), LARGEST_LOSS / max(float(np.linalg.norm(lost, 2)), 1e-99))
+        amounts = np.linspace(0.0, most, N_AMOUNTS)
+        stiffness, mass = np.diag(self.frequencies_hz**2), np.eye(len(lost))
+        shapes = np.array([eigh(stiffness, mass - amount * lost)[1] for amount in amounts])
+        same = np.abs(shapes[:, mode]).argmax(axis=1)
+        shape = shapes[np.arange(N_AMOUNTS), :, same]
+        # What hangs between two places is driven by the mean of their motions.
+        of_place = np.abs(shape @ ends.mean(axis=0))
+        largest = np.abs(shape @ self.of_sensors.T).max(axis=1)
+        return np.interp(in_model, amounts, of_place), np.interp(in_model, amounts, largest)
 
 
 def matched_appendages(
@@ -273,17 +299,18 @@ def _effective(
     if not motions.keys() >= set(group.hypothesis.tolist()):
         return 0, None, None
     first = motions[int(group.hypothesis[0])]
-    nearest = int(np.abs(first.frequencies_hz - frequency_hz).argmin())
-    moved, largest = [], []
-    for number, place in zip(group.hypothesis.tolist(), group.place.tolist(), strict=True):
-        if nearest >= len(motions[number].of_sensors):
+    nearest = int(first.seen[np.abs(first.frequencies_hz[first.seen] - frequency_hz).argmin()])
+    moved, largest = np.empty((2, len(group)))
+    for number, place in set(zip(group.hypothesis.tolist(), group.place.tolist(), strict=True)):
+        if nearest not in motions[number].seen:
             return 0, None, None
-        moved.append(motions[number].of_places[places[place]][nearest])
-        largest.append(motions[number].of_sensors[nearest])
-    ratios = group.mass * np.array(moved) ** 2
-    masses = ratios / np.array(largest) ** 2
+        own = (group.hypothesis == number) & (group.place == place)
+        in_model = group.mass[own] * group.in_model[own]
+        moved[own], largest[own] = motions[number].without(places[place], nearest, in_model)
+    ratios = group.mass * moved**2
+    masses = ratios / largest**2
     mass, ratio = (weighted_quantiles(each, group.weights) for each in (masses, ratios))
-    return int(first.numbers[nearest]), mass, ratio
+    return nearest + 1, mass, ratio
 
 
 def _of_one_frequency(draws: RankedDraws) -> list[RankedDraws]:
@@ -331,11 +358,10 @@ def _motions(baselines: Baselines, hypothesis: Hypothesis[Any]) -> Motions | Non
     seen = np.flatnonzero(largest >= VISIBLE_SHARE * largest.max())
     if not len(seen) or not largest.any():
         return None
-    # What hangs between two places is driven by the mean of their motions.
     first_ends = np.cumsum([len(place.candidate.ends) for place in places])[:-1]
-    means = (own.mean(axis=0) for own in np.split(moved[:, seen], first_ends))
-    of_places = dict(zip(places, means, strict=True))
-    return Motions(seen + 1, modes.frequencies_hz[0, seen], of_places, largest[seen])
+    of_ends = np.split(moved[:, : len(largest)], first_ends)
+    of_places = dict(zip(places, of_ends, strict=True))
+    return Motions(seen, modes.frequencies_hz[0], of_places, at_sensors)
 
 
 def appendage_findings(
