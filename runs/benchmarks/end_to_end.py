@@ -84,8 +84,7 @@ def from_record(seed: int) -> Row | str:
         return f"{len(identified.modes)} modes"
     data = identified.modal_data()
     data = replace(
-        data,
-        modes=tuple(replace(m, label=x) for m, x in zip(data.modes, LABELS, strict=True)),
+        data, modes=tuple(replace(m, label=x) for m, x in zip(data.modes, LABELS, strict=True))
     )
     classes = [replaced(each, data, bs.ErrorModel()) for each in STUDY.model_classes]
     ranking = bs.rank(bs.Study(STUDY.name, classes))

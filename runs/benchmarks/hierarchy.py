@@ -31,11 +31,7 @@ from simulated import print_bands
 import bayes_ssi as bs
 from bayes_ssi.parameters.parameters import values_at
 from bayes_ssi.results.hierarchy.likelihood_fit import LikelihoodFit, fit_likelihood
-from bayes_ssi.results.hierarchy.populations import (
-    Population,
-    RankedPopulation,
-    sample_population,
-)
+from bayes_ssi.results.hierarchy.populations import Population, RankedPopulation, sample_population
 from bayes_ssi.results.hierarchy.ranked_populations import MOST_DRAWS
 
 PRIORS = bs.PopulationPriors(spread=bs.HalfNormal(0.5), slope=bs.Normal(0.0, 0.5))

@@ -196,8 +196,7 @@ def test_the_command_does_the_same_with_workers(run, alone, tiny_study_file, tmp
 
 
 @pytest.mark.parametrize(
-    ("workers", "words"),
-    [("0", "0 is not in the range"), ("two", "'two' is not a valid integer")],
+    ("workers", "words"), [("0", "0 is not in the range"), ("two", "'two' is not a valid integer")]
 )
 def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, workers, words):
     assert_one_line_error(run("rank", tiny_study_file, "--workers", workers), words)

@@ -187,11 +187,8 @@ def test_a_reduced_basis_carries_elements_without_a_full_solution(reduced, eleme
     full = reduced.full.with_element(element)
     exact = full.modes(IN_CHAIN_VALUES)
 
-    def refuse(*_):
-        raise AssertionError("a full solution")
-
     with monkeypatch.context() as context:
-        context.setattr(bs.MatrixStructure, "full_modes", refuse)
+        context.setattr(bs.MatrixStructure, "full_modes", None)  # cannot be called
         whole = reduced.with_element(element)
         modes, bounds = whole.modes(IN_CHAIN_VALUES), whole.bounds(IN_CHAIN_VALUES)
     assert whole.n_full_solutions == reduced.n_full_solutions

@@ -13,10 +13,7 @@ from scipy.stats import kstest, multivariate_normal
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import adequacy
-from bayes_ssi.inference.likelihood.close_modes import (
-    ClosePairs,
-    close_pairs,
-)
+from bayes_ssi.inference.likelihood.close_modes import ClosePairs, close_pairs
 from bayes_ssi.inference.likelihood.pairings import (
     PairingWeights,
     log_sum,

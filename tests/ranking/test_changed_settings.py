@@ -22,11 +22,8 @@ def changes(row):
 def test_nothing_is_sampled_and_a_ranking_says_the_same_as_its_directory(
     tiny_result, tiny_ranking, monkeypatch
 ):
-    def refuse(*_):
-        raise AssertionError
-
-    monkeypatch.setattr("bayes_ssi.inference.posterior_sampling.sample.sample_target", refuse)
-    monkeypatch.setattr("bayes_ssi.structures.lumped.ShearBuilding.modes", refuse)
+    monkeypatch.delattr("bayes_ssi.inference.posterior_sampling.sample.sample_target")
+    monkeypatch.delattr("bayes_ssi.structures.lumped.ShearBuilding.modes")
     settings = bs.ChangedSettings(priors={"k": bs.Normal(1.0, 0.2)}, frequency_cov=0.03)
     answer = bs.what_if(tiny_result.directory, settings)
     assert answer == bs.what_if(tiny_result, settings) == bs.what_if(tiny_ranking, settings)

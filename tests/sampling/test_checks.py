@@ -274,13 +274,7 @@ def test_sampling_reports_the_edge_of_a_prior():
 
 @pytest.mark.parametrize(
     ("factor", "per_cent", "reported"),
-    [
-        (0.95, 99, False),
-        (0.97, 51, True),
-        (0.97, 49, False),
-        (1.03, 99, True),
-        (1.05, 100, False),
-    ],
+    [(0.95, 99, False), (0.97, 51, True), (0.97, 49, False), (1.03, 99, True), (1.05, 100, False)],
 )
 def test_a_mode_at_the_edge_of_the_band_is_reported(factor, per_cent, reported):
     """Frequencies √k/φ and √k φ Hz; the second was not identified, and k is 1 in so many draws.

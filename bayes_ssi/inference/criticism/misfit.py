@@ -203,18 +203,13 @@ class AtEdge:
     configuration: str | None = None  # name of the configuration whose band it is; None for a prior
 
 
-def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) -> list[AtEdge]:
+def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) -> Iterator[AtEdge]:
     """The edges at which a posterior lies, from draws ``z`` (n, d).
 
     ``frequencies_hz`` (n, n_modes) are the model's there, all configurations in turn.
     """
-    return [*_prior_edges(model_class, z), *_band_edges(model_class, z, frequencies_hz)]
-
-
-def _prior_edges(model_class: ModelClass, z: FloatArray) -> Iterator[AtEdge]:
-    edge = PRIOR_EDGE
     for column, parameter in enumerate(model_class.parameters):
-        for end, beyond in enumerate((z[:, column] < -edge, z[:, column] > edge)):
+        for end, beyond in enumerate((z[:, column] < -PRIOR_EDGE, z[:, column] > PRIOR_EDGE)):
             if beyond.mean() > EDGE_SHARE:
                 statement = (
                     f"parameter {parameter.name!r}: {100 * beyond.mean():.0f} % of the posterior "
@@ -222,11 +217,6 @@ def _prior_edges(model_class: ModelClass, z: FloatArray) -> Iterator[AtEdge]:
                     f"{parameter.prior!r}, where only one in a thousand prior draws lies"
                 )
                 yield AtEdge(statement, end, parameter=parameter.name)
-
-
-def _band_edges(
-    model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray
-) -> Iterator[AtEdge]:
     # The standard error of a share estimated from a thousand draws is 0.016 at most.
     chosen = evenly_spaced_indices(len(z), 1000)
     different, first, times = np.unique(z[chosen], axis=0, return_index=True, return_counts=True)

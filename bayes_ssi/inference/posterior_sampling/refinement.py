@@ -133,7 +133,10 @@ def confirmed(model_class: ModelClass, posterior: Posterior, wanted_error: float
     n = N_CONFIRMED
     while True:
         values = evenly_spaced_draws(posterior, n)
-        exact = _confirming(model_class, values)
+        columns = [own for *_, own in model_class.parts(values)]
+        exact = model_class.with_structures(
+            lambda s, i: s.confirming(columns[i][:, : len(s.parameters)])  # noqa: B023 - at once
+        )
         change = exact.log_likelihood(values) - model_class.log_likelihood(values)
         weights = np.exp(change - change.max())
         error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
@@ -149,14 +152,6 @@ def confirmed(model_class: ModelClass, posterior: Posterior, wanted_error: float
         change,
         _differences(model_class, exact, values[possible]),
         "solutions in a finer basis" if is_approximate(exact) else "full solutions",
-    )
-
-
-def _confirming(model_class: ModelClass, values: FloatArray) -> ModelClass:
-    """The class with what confirms its structures at ``values`` (B, n_parameters)."""
-    columns = [own for *_, own in model_class.parts(values)]
-    return model_class.with_structures(
-        lambda structure, i: structure.confirming(columns[i][:, : len(structure.parameters)])
     )
 
 

@@ -184,7 +184,15 @@ def sample_as_it_is(
         frequencies_hz=at_values.frequencies_hz.reshape(*z.shape[:2], -1),
         effective_sample_sizes=sampled.chains.bulk_sizes,
         tail_effective_sample_sizes=sampled.chains.tail_sizes,
-        evidence=_evidence(sampled),
+        evidence=Evidence(
+            log_evidence=sampled.evidence.log_evidence,
+            error=sampled.evidence.error,
+            effective_sample_size=sampled.importance.effective_sample_size,
+            pareto_k=sampled.importance.pareto_k,
+            n_draws=len(sampled.importance.z),
+            mean_log_likelihood=sampled.importance.log_likelihood_mean,
+            checks=sampled.evidence_checks,
+        ),
         regions=_regions(sampled, z_rows, values),
         maxima=model_class.values(sampled.search.maxima.z),
         r_hat=sampled.chains.r_hat,
@@ -232,19 +240,6 @@ def _sampled(
     except ValueError as error:
         failures = "".join(f"; {sentence}" for sentence in _failures(model_class, target))
         raise ValueError(f"model class {model_class.name!r}: {error}{failures}") from error
-
-
-def _evidence(sampled: SamplingResult) -> Evidence:
-    draws = sampled.importance
-    return Evidence(
-        log_evidence=sampled.evidence.log_evidence,
-        error=sampled.evidence.error,
-        effective_sample_size=draws.effective_sample_size,
-        pareto_k=draws.pareto_k,
-        n_draws=len(draws.z),
-        mean_log_likelihood=draws.log_likelihood_mean,
-        checks=sampled.evidence_checks,
-    )
 
 
 def _at_draws(model_class: ModelClass, values: FloatArray, pool: Workers | None) -> AtDraws:

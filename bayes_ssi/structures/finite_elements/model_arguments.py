@@ -197,10 +197,9 @@ def checked_influence(influence: ArrayLike | None, n: int) -> FloatArray | None:
 
 
 def require_nodes(geometry: Geometry | None, labels: Sequence[str]) -> None:
-    if geometry is None or any(geometry.location(motion_of(label)) for label in labels):
-        return
-    raise ValueError(
-        "geometry: no degree of freedom is at any of its nodes; labels are "
-        f"{listed_choices(labels, 3)}, nodes {listed_choices(geometry.nodes, 3)}, and a label is "
-        "the name of a node and a direction, such as 'node 7 x'"
-    )
+    if geometry and not any(geometry.location(motion_of(label)) for label in labels):
+        raise ValueError(
+            "geometry: no degree of freedom is at any of its nodes; labels are "
+            f"{listed_choices(labels, 3)}, nodes {listed_choices(geometry.nodes, 3)}, and a label "
+            "is the name of a node and a direction, such as 'node 7 x'"
+        )

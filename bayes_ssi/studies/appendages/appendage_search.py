@@ -276,14 +276,13 @@ def matched(
     groups = _of_one_frequency(draws)
     shares = [float(group.weights.sum()) for group in groups]
     frequencies = [weighted_quantiles(group.frequency_hz, group.weights) for group in groups]
-    median = frequencies[0][1]
-    mode, effective_mass, effective_ratio = _effective(groups[0], median, places, motions)
+    mode, mass, ratio = _effective(groups[0], frequencies[0][1], places, motions)
     return MatchedAppendage(
         frequency_hz=frequencies[0],
         probability=shares[0],
         other_frequencies_hz=tuple(zip(shares[1:], frequencies[1:], strict=True)),
-        effective_mass=effective_mass,
-        effective_ratio=effective_ratio,
+        effective_mass=mass,
+        effective_ratio=ratio,
         mode=mode,
         places=_places(groups[0], places),
     )

@@ -161,7 +161,17 @@ def read_candidates(path: str | Path) -> tuple[Candidate, ...]:
     names, rows = read_table(path)
     if not rows:
         raise ValueError(f"{path}: no candidate below the column names {','.join(REQUIRED)}")
-    _check_columns(names, path)
+    all_wrong = {
+        "no column": [name for name in REQUIRED if name not in names],
+        "unknown column": [name for name in names if name not in COLUMNS],
+        "two columns": repeated(names),
+    }
+    for what, wrong in all_wrong.items():
+        if wrong:
+            raise ValueError(
+                f"{path}: {what} {wrong[0]!r}; the columns are {', '.join(REQUIRED)} and, if "
+                f"needed, {', '.join(COLUMNS[len(REQUIRED) :])}"
+            )
     candidates = []
     for where, row in rows:
         if len(row) > len(names):
@@ -175,20 +185,6 @@ def read_candidates(path: str | Path) -> tuple[Candidate, ...]:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return tuple(candidates)
-
-
-def _check_columns(names: list[str], path: Path) -> None:
-    all_wrong = {
-        "no column": [name for name in REQUIRED if name not in names],
-        "unknown column": [name for name in names if name not in COLUMNS],
-        "two columns": repeated(names),
-    }
-    for what, wrong in all_wrong.items():
-        if wrong:
-            raise ValueError(
-                f"{path}: {what} {wrong[0]!r}; the columns are {', '.join(REQUIRED)} and, if "
-                f"needed, {', '.join(COLUMNS[len(REQUIRED) :])}"
-            )
 
 
 def _candidate(cells: Mapping[str, str]) -> Candidate:

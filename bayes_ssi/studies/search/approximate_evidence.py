@@ -310,8 +310,12 @@ def _scan(
 def scan_draws(
     model_class: ModelClass, simpler: Screened, n: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Draws (n, d) of the simpler hypothesis's posterior, the other parameters' priors scanned."""
-    z = _latin_hypercube(n, len(model_class.parameters), rng)
+    """Draws (n, d) of the simpler hypothesis's posterior, and of the other parameters' priors.
+
+    In these, each coordinate has one draw in every n-th of its prior.
+    """
+    strata = rng.permuted(np.tile(np.arange(n)[:, None], (1, len(model_class.parameters))), axis=0)
+    z = ndtri((strata + rng.random(strata.shape)) / n)
     rows = rng.permutation(systematic_indices(simpler.weights, n, rng))
     z[:, _columns(model_class, simpler)] = simpler.z[rows]
     return z
@@ -334,9 +338,3 @@ def _columns(model_class: ModelClass, simpler: Screened) -> list[int]:
 
 def _drawn(mixture: StudentMixture, n: int, rng: np.random.Generator) -> FloatArray:
     return mixture.draw(rng.multinomial(n, mixture.all_weights / mixture.all_weights.sum()), rng)
-
-
-def _latin_hypercube(n: int, d: int, rng: np.random.Generator) -> FloatArray:
-    """Draws (n, d) from N(0, I), each coordinate of which has one in every n-th of its prior."""
-    strata = rng.permuted(np.tile(np.arange(n)[:, None], (1, d)), axis=0)
-    return ndtri((strata + rng.random((n, d))) / n)

@@ -10,10 +10,7 @@ import numpy as np
 from bayes_ssi.foundations.arrays import FloatArray, IntArray, joined
 from bayes_ssi.inference.model_class.configuration import Configuration
 from bayes_ssi.inference.model_class.model_class import ModelClass
-from bayes_ssi.structures.finite_elements.projected_structure import (
-    all_but_places,
-    modes_at_places,
-)
+from bayes_ssi.structures.finite_elements.projected_structure import all_but_places, modes_at_places
 from bayes_ssi.structures.modal import Modes
 from bayes_ssi.structures.structure import Structure
 

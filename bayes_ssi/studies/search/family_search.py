@@ -120,11 +120,7 @@ def search_family(
 
 
 def screened_hypotheses(
-    family: Family[Feature],
-    seed: int,
-    run: Run,
-    quick: Effort = QUICK,
-    most_full: int = MOST_FULL,
+    family: Family[Feature], seed: int, run: Run, quick: Effort = QUICK, most_full: int = MOST_FULL
 ) -> tuple[dict[Key[Feature], Hypothesis[Feature]], list[Level[Feature]]]:
     """All hypotheses with their approximate evidences, and the levels in which they were tried.
 
