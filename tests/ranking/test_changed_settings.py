@@ -23,7 +23,7 @@ def test_nothing_is_sampled_and_a_ranking_says_the_same_as_its_directory(
     tiny_result, tiny_ranking, monkeypatch
 ):
     monkeypatch.delattr("bayes_ssi.inference.posterior_sampling.sample.sample_target")
-    monkeypatch.delattr("bayes_ssi.structures.lumped.ShearBuilding.modes")
+    monkeypatch.setattr("bayes_ssi.structures.lumped.ShearBuilding.modes", None)
     settings = bs.ChangedSettings(priors={"k": bs.Normal(1.0, 0.2)}, frequency_cov=0.03)
     answer = bs.what_if(tiny_result.directory, settings)
     assert answer == bs.what_if(tiny_result, settings) == bs.what_if(tiny_ranking, settings)
