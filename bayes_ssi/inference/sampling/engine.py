@@ -2,10 +2,10 @@
 
 1. Independent searches (``multistart``) find the maxima of the posterior (``maxima``).
 2. Importance draws (``importance``) from Laplace's approximation around them, bent along thin
-   ridges, give a mixture close to the posterior (``mixture``), where the
-   target knows its problem, its searches agree, and the draws are good. Else two independent
-   compressions of the prior (``compression``) carry particles to the regions around the maxima and
-   to others, and the mixture is fitted to the particles.
+   ridges, with components added where they miss something, give a mixture close to the posterior
+   (``mixture``), where the target knows its problem, its searches agree, and enough draws matter.
+   Else two independent compressions of the prior (``compression``) carry particles to the regions
+   around the maxima and to others, and the mixture is fitted to the particles.
 3. Mixture importance sampling gives the evidence and the share of the posterior in each region
    (``regions``).
 4. Two independent emcee ensembles (``ensembles``) sample the posterior; the importance
@@ -60,11 +60,14 @@ from bayes_ssi.inference.sampling.target import Target
 WALKERS = 16
 # Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
 # draws by less than this factor.
-MOST_REFITS = 4
+MOST_REFITS = 6
 LEAST_IMPROVEMENT = 1.2
+MOST_IN_VAIN = 3  # times that components are added and too few draws matter to fit a mixture
 # Below this efficiency importance draws are poor: chains are run to their full length, and the
 # mixture is finally fitted to their draws.
 LEAST_EFFICIENCY = 0.1
+# Below this one, a refit makes chains shorter.
+GOOD_EFFICIENCY = 0.4
 # A fit of a mixture takes as long as some ten thousand evaluations of a small structure: it
 # pays only where more batches of importance draws than this would be needed without it.
 MOST_BATCHES = 8
@@ -110,39 +113,45 @@ class _Sampling:
     def n_walkers(self) -> int:
         return max(WALKERS, 2 * self.target.n_dimensions)
 
-    def result(self) -> SamplingResult:
+    @cached_property
+    def search(self) -> MultistartSearch:
         progress = partial(self.progress, "searches")
-        search = search_maxima(self.target, self.settings.searches, self.seeds[4], progress)
+        return search_maxima(self.target, self.settings.searches, self.seeds[4], progress)
+
+    @cached_property
+    def ridges(self) -> StudentMixture | None:
+        return along_ridges(self.target, self.search.maxima, self.rng)
+
+    def result(self) -> SamplingResult:
         result = None
-        if self.target.suggest_starts is not None and search.converged:
-            result = self._from_maxima(search)
+        if self.target.suggest_starts is not None and self.search.converged:
+            result = self._from_maxima()
         if result is None or result.failed_checks:
-            result = self._from_particles(search)
+            result = self._from_particles()
         return result
 
-    def _from_maxima(self, search: MultistartSearch) -> SamplingResult | None:
+    def _from_maxima(self) -> SamplingResult | None:
         """The result without particles; None where Laplace's approximation does not suffice."""
-        around_maxima = search.maxima.as_mixture()
+        around_maxima = self.search.maxima.as_mixture()
         first = self.sampler.sample(around_maxima.widened())
         if not self._serves(first):
-            ridges = along_ridges(self.target, search.maxima, self.rng)
-            bent = ridges and self.sampler.sample(ridges.widened())
-            if ridges and bent and bent.efficiency > first.efficiency:
-                around_maxima, first = ridges, bent
+            bent = self.ridges and self.sampler.sample(self.ridges.widened())
+            if self.ridges and bent and bent.efficiency > first.efficiency:
+                around_maxima, first = self.ridges, bent
         enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
-        if first.effective_sample_size < enough:
-            first = self.sampler.extended(first, 4.0)
-        if first.effective_sample_size < enough:
-            # Where it misses a part, more draws show ever heavier ones instead of more that matter,
-            # and components added to it may end where it does.
-            return None
-        best = first
+        best, fitted_from, n_in_vain = first, None, 0
+        # Where these miss a part, components are added at the heaviest draws.
         for _ in range(MOST_REFITS):
-            if not self._serves(best):  # more draws that matter give a better fit
-                best = self.sampler.extended(self.sampler.refined(best, math.inf), 4.0)
+            if not self._serves(best):
+                best = self.sampler.refined(best, math.inf)
+            if best.efficiency < GOOD_EFFICIENCY and len(best.z) < 4 * self.sampler.batch:
+                best = self.sampler.extended(best, 4.0)  # more draws that matter give a better fit
             halves = best.split(2, self.rng)
             if min(half.effective_sample_size for half in halves) < enough:
-                return None
+                if (n_in_vain := n_in_vain + 1) == MOST_IN_VAIN:
+                    break
+                continue
+            fitted_from = fitted_from or best
             draws, held_out = (half.resampled(self.rng).positions for half in halves)
             trial = self._fitted(around_maxima, draws, held_out)
             gain = trial.efficiency / best.efficiency
@@ -151,24 +160,24 @@ class _Sampling:
             in_vain = gain < LEAST_IMPROVEMENT
             if self._serves(best) and (in_vain or not self._should_refit(best)):
                 break
-        check = EvidenceEstimate("importance draws around maxima", *astuple(first.estimate))
+        if fitted_from is None or best.effective_sample_size < 2 * enough:
+            return None
+        check = EvidenceEstimate("importance draws around maxima", *astuple(fitted_from.estimate))
         starts = [half.resampled(self.rng) for half in best.split(2, self.rng)]
         walkers = [Walkers(*(values[: self.n_walkers] for values in start)) for start in starts]
-        return self._sampled(search, around_maxima, best, walkers, [check])
+        return self._sampled(around_maxima, best, walkers, [check])
 
-    def _from_particles(self, search: MultistartSearch) -> SamplingResult:
+    def _from_particles(self) -> SamplingResult:
         """The result with compressions of the prior."""
         compressions = compress_prior(
             self.target,
             self.settings.n_particles(self.target.n_dimensions),
-            search.maxima,
+            self.search.maxima,
             self.seeds[0:2],
             partial(self.progress, "compression of the prior"),
         )
-        ridges = along_ridges(self.target, search.maxima, self.rng)
-        around_maxima = ridges or search.maxima.as_mixture()
+        around_maxima = self.ridges or self.search.maxima.as_mixture()
         return self._sampled(
-            search,
             around_maxima,
             self._fitted(around_maxima, *(one.draws for one in compressions)),
             [one.walkers(self.n_walkers, self.rng) for one in compressions],
@@ -178,7 +187,6 @@ class _Sampling:
 
     def _sampled(
         self,
-        search: MultistartSearch,
         around_maxima: StudentMixture,
         trial: ImportanceSample,
         walkers: Sequence[Walkers],
@@ -213,15 +221,15 @@ class _Sampling:
         bridge = bridge_sampling(ensembles[1], unused)
         quoted, chains = thinned_ensembles(self.target, ensembles, statistics, self.settings)
         return SamplingResult(
-            search=search,
+            search=self.search,
             compressions=compressions,
             ensembles=ensembles,
             quoted=quoted,
             chains=chains,
             importance=importance,
-            evidence_checks=(bridge, *checks, search.maxima.laplace_estimate),
+            evidence_checks=(bridge, *checks, self.search.maxima.laplace_estimate),
             regions=regions,
-            maxima_of_regions=self._maxima_of(regions, importance, search.maxima),
+            maxima_of_regions=self._maxima_of(regions, importance, self.search.maxima),
             settings=self.settings,
             n_evaluations=self.target.n_evaluations,
             is_flat=self.target.is_flat,
@@ -305,7 +313,7 @@ class _Sampling:
         wanted_error = self.settings.log_evidence_error
         needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2
         enough = MOST_BATCHES * self.sampler.batch
-        return not self._serves(sample) or needed - len(sample.z) > enough
+        return sample.efficiency < GOOD_EFFICIENCY or needed - len(sample.z) > enough
 
     def _importance(
         self, trial: ImportanceSample, others: Sequence[ScoredDraws]
