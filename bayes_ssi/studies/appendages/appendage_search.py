@@ -197,11 +197,11 @@ class Motions(NamedTuple):
         ends = self.of_places[place]
         lost = np.einsum("k,ki,kj", shares, ends, ends)
         most = min(in_model.max(), LARGEST_LOSS / max(float(np.linalg.norm(lost, 2)), 1e-99))
-        amounts = np.linspace(0.0, most, N_AMOUNTS)
+        amounts = np.unique(np.linspace(0.0, most, N_AMOUNTS))
         stiffness, mass = np.diag(self.frequencies_hz**2), np.eye(len(lost))
         shapes = np.array([eigh(stiffness, mass - amount * lost)[1] for amount in amounts])
         same = np.abs(shapes[:, mode]).argmax(axis=1)
-        shape = shapes[np.arange(N_AMOUNTS), :, same]
+        shape = shapes[np.arange(len(amounts)), :, same]
         # What hangs between two places is driven by the mean of their motions.
         of_place = np.abs(shape @ ends.mean(axis=0))
         largest = np.abs(shape @ self.of_sensors.T).max(axis=1)
