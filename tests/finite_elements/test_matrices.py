@@ -324,12 +324,13 @@ class TestFiles:
 
 
 def test_large_structures_are_better_reduced():
-    small, large = (
+    small, medium, large = (
         bs.MatrixStructure((multiplier("k"), chain(n)), sp.eye_array(n), n_modes=2)
-        for n in (40, 41)
+        for n in (36, 40, 41)
     )
-    assert small.performance_hint == ""
+    assert medium.performance_hint == ""
     assert large.performance_hint.startswith("41 degrees of freedom, solved in full")
     assert small.for_many_hypotheses is small
+    assert medium.for_many_hypotheses.exact is medium
     assert large.for_many_hypotheses.exact is large
     assert large.for_many_hypotheses is large.for_many_hypotheses  # of all tests of one structure

@@ -39,6 +39,7 @@ ONE_FACTOR_FROM = 20_000
 # Certified errors of frequency and shape of what confirms results then, in place of full solutions.
 CONFIRMING_ERRORS = 1e-5, 1e-3
 DRAWS_ACCURACY = 0.01  # share of the accuracy over the prior that a basis for draws has on average
+BATCHED_WITH_ELEMENTS = BATCHED_UP_TO - 4  # such matrices are, with those of two elements, too
 
 
 class ReducedStructure(ApproximateStructure):
@@ -126,7 +127,7 @@ class ReducedStructure(ApproximateStructure):
             return self
         smaller = self._copied()
         _, directions = self._directions(values)
-        smaller._basis = self.basis.combined(directions[:, 4 - BATCHED_UP_TO :])
+        smaller._basis = self.basis.combined(directions[:, -BATCHED_WITH_ELEMENTS:])
         return smaller
 
     def _directions(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -326,7 +327,7 @@ class MatrixStructure(AssembledStructure):
 
     @cached_property
     def for_many_hypotheses(self) -> Structure:
-        return self.reduced() if self.size > BATCHED_UP_TO else self
+        return self.reduced() if self.size > BATCHED_WITH_ELEMENTS else self
 
     @property
     def performance_hint(self) -> str:
