@@ -62,7 +62,7 @@ WALKERS = 16
 # draws by less than this factor.
 MOST_REFITS = 6
 LEAST_IMPROVEMENT = 1.2
-MOST_IN_VAIN = 3  # times that components are added and too few draws matter to fit a mixture
+MOST_TOO_FEW = 3  # times that components are added and too few draws matter to fit a mixture
 # Below this efficiency importance draws are poor: chains are run to their full length, and the
 # mixture is finally fitted to their draws.
 LEAST_EFFICIENCY = 0.1
@@ -139,7 +139,7 @@ class _Sampling:
             if self.ridges and bent and bent.efficiency > first.efficiency:
                 around_maxima, first = self.ridges, bent
         enough = DRAWS_PER_DIMENSION * self.target.n_dimensions
-        best, fitted_from, n_in_vain = first, None, 0
+        best, fitted_from, n_too_few = first, None, 0
         # Where these miss a part, components are added at the heaviest draws.
         for _ in range(MOST_REFITS):
             if not self._serves(best):
@@ -148,7 +148,7 @@ class _Sampling:
                 best = self.sampler.extended(best, 4.0)  # more draws that matter give a better fit
             halves = best.split(2, self.rng)
             if min(half.effective_sample_size for half in halves) < enough:
-                if (n_in_vain := n_in_vain + 1) == MOST_IN_VAIN:
+                if (n_too_few := n_too_few + 1) == MOST_TOO_FEW:
                     break
                 continue
             fitted_from = fitted_from or best
