@@ -39,7 +39,7 @@ ONE_FACTOR_FROM = 20_000
 # Certified errors of frequency and shape of what confirms results then, in place of full solutions.
 CONFIRMING_ERRORS = 1e-5, 1e-3
 DRAWS_ACCURACY = 0.01  # share of the accuracy over the prior that a basis for draws has on average
-BATCHED_WITH_ELEMENTS = BATCHED_UP_TO - 4  # such matrices are, with those of two elements, too
+BATCHED_WITH_ELEMENTS = BATCHED_UP_TO - 4  # size that batches take with two elements on it
 
 
 class ReducedStructure(ApproximateStructure):
