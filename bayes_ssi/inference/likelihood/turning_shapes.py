@@ -36,7 +36,7 @@ UNSEEN = 1e-4  # squared length over its mean over turns, below which rounding t
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 GRID, FINER_GRIDS = 48, 5  # turns at which the highest is sought, and how often anew about it
-CACHED = 2**15  # numbers at a time, for arrays that stay in the processor's cache
+CACHED = 2**14  # numbers at a time, for arrays that stay in the processor's cache
 
 
 class TurningShapes(NamedTuple):
@@ -90,12 +90,17 @@ class TurningShapes(NamedTuple):
 
     def distances(self, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
         """1 - |φ_e·φ(t)|, (m, n, E) at turns (n, E)."""
-        above, below = (sums[1, :, None] * cos2 for sums in (self.squares, self.lengths))
-        for total, (constant, _, of_sin) in ((above, self.squares), (below, self.lengths)):
-            total += of_sin[:, None] * sin2
-            total += constant[:, None]
+        return np.array([self._distance(e, cos2, sin2) for e in range(len(self.variances))])
+
+    def _distance(self, e: int, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
+        """Of one shape, (n, E): arrays that are small enough to be allocated without delay."""
+        above, below = (terms[1, e] * cos2 for terms in (self.squares, self.lengths))
+        for total, terms in ((above, self.squares), (below, self.lengths)):
+            total += terms[2, e] * sin2
+            total += terms[0, e]
         above /= below
-        return np.asarray(1.0 - np.sqrt(np.clip(above, 0.0, 1.0, out=above), out=above))
+        np.sqrt(np.clip(above, 0.0, 1.0, out=above), out=above)
+        return np.asarray(np.subtract(1.0, above, out=above))
 
     def are_unseen(self, cos2: FloatArray, sin2: FloatArray) -> BoolArray:
         """Whether sensors see next to nothing of one of the shapes at turns (n, E), (n, E)."""
@@ -132,9 +137,12 @@ class TurningShapes(NamedTuple):
 
     def exponents(self, kappa: FloatArray, cos2: FloatArray, sin2: FloatArray) -> FloatArray:
         """κ' (cos 2t - 1) - Σ (1 - |φ_e·φ(t)|)/σ², (n, E), at turns (n, E)."""
-        distances = self.distances(cos2, sin2)
-        distances /= self.variances[:, None]
-        return np.asarray(kappa * (cos2 - 1.0) - distances.sum(axis=0))
+        exponents = np.asarray(kappa * (cos2 - 1.0))
+        for e, variances in enumerate(self.variances):
+            distances = self._distance(e, cos2, sin2)
+            distances /= variances
+            exponents -= distances
+        return exponents
 
     def cases(self, which: IntArray) -> "TurningShapes":
         return TurningShapes(*(terms[..., which] for terms in self))
@@ -375,16 +383,17 @@ def _integrated(
 def _cosines_of_steps(n: int, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Cosines and sines (n, E) of twice n turns at equal steps, within ``reach`` (E,) of none.
 
-    Of sums of two angles, few of which are evaluated.
+    Of the first few; the others are as many again, turned by so many steps, until there are n.
     """
-    step = 4.0 * reach / n
-    angles = np.arange(8)[:, None] * step, (8.0 * np.arange(n // 8) + UNEVEN)[:, None] * step
-    (c, s), (c_of_8, s_of_8) = (
-        (np.cos(each), np.sin(each)) for each in (angles[0], angles[1] - 2.0 * reach)
-    )
-    cos2 = c_of_8[:, None] * c - s_of_8[:, None] * s
-    sin2 = s_of_8[:, None] * c + c_of_8[:, None] * s
-    return cos2.reshape(n, -1), sin2.reshape(n, -1)
+    step, doublings = 4.0 * reach / n, n & -n
+    first = (np.arange(n // doublings)[:, None] + UNEVEN) * step - 2.0 * reach
+    cos2, sin2 = np.cos(first), np.sin(first)
+    c, s = np.cos(len(first) * step), np.sin(len(first) * step)
+    while len(cos2) < n:
+        turned = cos2 * c - sin2 * s, sin2 * c + cos2 * s
+        cos2, sin2 = (np.concatenate(each) for each in zip((cos2, sin2), turned, strict=True))
+        c, s = c * c - s * s, 2.0 * c * s
+    return cos2, sin2
 
 
 def _cosines(turns: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -160,7 +160,7 @@ def run_ensembles(
             return ensembles, statistics
         excess = (statistics.r_hat - 1.0) / (settings.r_hat - 1.0)
         factor = max(settings.effective_sample_size / max(statistics.smallest_size, 1.0), excess)
-        wanted = math.ceil(n * min(1.1 * factor, 4.0))
+        wanted = math.ceil(n * min(1.1 * factor, 2.0))
         progress(n / wanted)
         n = min(wanted, most)
 
