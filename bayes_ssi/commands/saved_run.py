@@ -195,7 +195,8 @@ class RunOptions:
             result = searched(family, findings, self.seed, self.settings, run)
             return result.ranking, {SEARCH: result.record}
 
-        name, n_classes = f"{study_file.stem}_{kind}", family.n_hypotheses_of_one
+        name, of_one = f"{study_file.stem}_{kind}", family.features.values()
+        n_classes = sum(1 + len(features) for features in of_one)
         self.answer(study, study_file, name, sample, first_tables, further_tables, n_classes)
 
 

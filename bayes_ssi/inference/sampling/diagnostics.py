@@ -37,11 +37,8 @@ class EvidenceEstimate:
 
     def shifted(self, correction: float, error: float) -> "EvidenceEstimate":
         """This estimate plus a correction that has a standard error of its own."""
-        return replace(
-            self,
-            log_evidence=self.log_evidence + correction,
-            error=None if self.error is None else math.hypot(self.error, error),
-        )
+        both = None if self.error is None else math.hypot(self.error, error)
+        return replace(self, log_evidence=self.log_evidence + correction, error=both)
 
     def __str__(self) -> str:
         if self.error is None:

@@ -185,13 +185,10 @@ class _Merging:
     def _independent(self, group: Group) -> Group:
         """The group with one mode of each record: that from the band whose edges are farthest."""
         hz = float(np.exp(_mean_log_frequency(group)))
-
-        def from_edges(name: str) -> float:
-            low, high = self.tests[name].band_hz
-            return min(hz - low, high - hz)
-
+        bands = ((name, self.tests[name].band_hz) for name in group)
+        from_edges = {name: min(hz - low, high - hz) for name, (low, high) in bands}
         kept: list[str] = []
-        for name in sorted(group, key=from_edges, reverse=True):
+        for name in sorted(group, key=from_edges.__getitem__, reverse=True):
             if not any(_are_of_one_record(self.tests[name], self.tests[other]) for other in kept):
                 kept.append(name)
         return {name: mode for name, mode in group.items() if name in kept}

@@ -196,10 +196,6 @@ class Family(ABC, Generic[Feature]):
     def classes(self) -> tuple[ModelClass, ...]:
         return tuple(self.study.model_classes)
 
-    @property
-    def n_hypotheses_of_one(self) -> int:
-        return sum(1 + len(features) for features in self.features.values())
-
     def __getitem__(self, name: str) -> ModelClass:
         return next(each for each in self.classes if each.name == name)
 
