@@ -385,8 +385,8 @@ def _cosines_of_steps(n: int, reach: FloatArray) -> tuple[FloatArray, FloatArray
 
     Of the first few; the others are as many again, turned by so many steps, until there are n.
     """
-    step, doublings = 4.0 * reach / n, n & -n
-    first = (np.arange(n // doublings)[:, None] + UNEVEN) * step - 2.0 * reach
+    step, power_of_2 = 4.0 * reach / n, n & -n  # the largest that divides n
+    first = (np.arange(n // power_of_2)[:, None] + UNEVEN) * step - 2.0 * reach
     cos2, sin2 = np.cos(first), np.sin(first)
     c, s = np.cos(len(first) * step), np.sin(len(first) * step)
     while len(cos2) < n:
