@@ -85,7 +85,7 @@ def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[s
     notes = scales if with_scales else []
     notes += [comparison.unseen] if comparison.unseen else []
     if any(row.failed_checks for row in comparison.classes):
-        notes.append("(!): a check failed, as said below.")
+        notes.append("(!): a check failed, as said above.")
     if comparison.remarks:
         notes.append("What does not change the answer:")
         notes.extend(f"  {remark}" for remark in comparison.remarks)
