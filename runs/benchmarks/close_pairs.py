@@ -115,7 +115,12 @@ def main() -> None:
         for band in range(options.bands):
             moved = np.random.default_rng([53, seed, band]).uniform(-0.05, 0.05, 2)
             edges = np.array([1.4, 2.9]) * (1.0 + moved * (band > 0))
-            identified = bs.identify(each.record, edges.tolist())
+            try:
+                identified = bs.identify(each.record, edges.tolist())
+            except ValueError as refused:
+                print(f"record {seed}, band {band}: {refused}", flush=True)
+                numbers, chances, failed = [*numbers, 0], [*chances, None], [*failed, 1]
+                continue
             number, chance = probability_of_two(identified)
             numbers.append(number)
             chances.append(chance)
