@@ -24,6 +24,7 @@ from bayes_ssi.parameters.parameters import (
     parameters_of,
 )
 from bayes_ssi.structures.finite_elements import sparse_modes
+from bayes_ssi.structures.finite_elements.elimination_order import fill_reducing_order
 from bayes_ssi.structures.finite_elements.model_arguments import (
     Sensors,
     checked_matrix,
@@ -224,7 +225,7 @@ class FunctionStructure(PointwiseStructure):
             if not sparse_modes.is_semidefinite(m):
                 raise NoModesError(f"{name}: M is not positive semi-definite")
             # The pattern, and so the order, may change from call to call.
-            order = sparse_modes.fill_reducing_order(k)
+            order = fill_reducing_order(k)
             k, m = (sp.csc_array(matrix[order][:, order]) for matrix in (k, m))
             rows = np.argsort(order)[rows]
         modes = sparse_modes.lowest_modes(k, m, n_modes)

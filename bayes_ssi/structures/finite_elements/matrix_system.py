@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray, steady_digest
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, as_product
+from bayes_ssi.structures.finite_elements.elimination_order import fill_reducing_order
 from bayes_ssi.structures.finite_elements.model_arguments import Matrix, checked_matrix
 from bayes_ssi.structures.finite_elements.sparse_modes import (
-    fill_reducing_order,
     is_semidefinite,
     rigid_body_modes,
 )
@@ -162,12 +162,7 @@ class System:
         n_modes: int,
     ) -> "System":
         """Order and check the matrices at the prior medians (1, n_parameters)."""
-        # From a diagonally dominant matrix with entries where any has one: positive definite.
-        first, *others = (*stiffness.matrices, *mass.matrices)
-        pattern = sp.csc_array(sum(map(abs, others), start=abs(first)))
-        pattern.data[:] = 1.0
-        row_sums = np.asarray(pattern.sum(axis=1)).ravel()
-        order = fill_reducing_order(sp.csc_array(sp.diags_array(row_sums + 1.0) - pattern))
+        order = fill_reducing_order(*stiffness.matrices, *mass.matrices)
         stiffness, mass = stiffness.ordered(order), mass.ordered(order)
         k, m = (each.at(each.coefficients(medians, parameters)[0]) for each in (stiffness, mass))
         if not is_semidefinite(m):

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from bayes_ssi.foundations.arrays import FloatArray
 from bayes_ssi.structures import modal
@@ -78,18 +77,6 @@ def _superlu(matrix: Matrix, problem: str) -> Any:
         return splu(columns, permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
     except RuntimeError:  # exactly singular
         raise NoModesError(problem) from None
-
-
-def fill_reducing_order(matrix: Matrix) -> NDArray[np.intp]:
-    """An order of the rows (n,) in which factors of a positive definite matrix stay sparse.
-
-    That of minimum degree, from a factor of which nearly all is dropped.
-    """
-    from scipy.sparse.linalg import spilu
-
-    columns, options = sp.csc_matrix(matrix), {"SymmetricMode": True}
-    by_degree = spilu(columns, 1e9, 1.0, permc_spec="MMD_AT_PLUS_A", options=options)
-    return np.argsort(by_degree.perm_c)
 
 
 def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
