@@ -44,7 +44,6 @@ from search_scaling import tower
 from simulated import IdentificationErrors, print_bands, simulate
 
 import bayes_ssi as bs
-from bayes_ssi.inference.posterior_sampling.refinement import with_exact_structures
 from bayes_ssi.parameters.priors import Prior
 from bayes_ssi.studies.appendages.baselines import (
     choose_baselines,
@@ -201,7 +200,8 @@ def drawn(task: Task, question: Question) -> Drawn:
     scale = scale_of(question.true_baseline)
     settings = search_settings(question, bs.LogUniform(LIGHTEST, HEAVIEST), task.sampled)
     truth = hypothesis(question.true_baseline, places, settings, scale=scale)
-    values, data, _ = simulate(with_exact_structures(truth), rng, question.stated)
+    exact = truth.with_structures(lambda structure, _: structure.exact)
+    values, data, _ = simulate(exact, rng, question.stated)
     baseline = replace(question.baseline, data=data)
     # The mass to which ratios refer follows from the data, and the true mass must not.
     share = scale.mass / scale_of(baseline).mass

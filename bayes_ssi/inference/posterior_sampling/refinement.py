@@ -133,10 +133,7 @@ def confirmed(model_class: ModelClass, posterior: Posterior, wanted_error: float
     n = N_CONFIRMED
     while True:
         values = evenly_spaced_draws(posterior, n)
-        columns = [own for *_, own in model_class.parts(values)]
-        exact = model_class.with_structures(
-            lambda s, i: s.confirming(columns[i][:, : len(s.parameters)])  # noqa: B023 - at once
-        )
+        exact = with_confirming_structures(model_class, values)
         change = exact.log_likelihood(values) - model_class.log_likelihood(values)
         weights = np.exp(change - change.max())
         error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
@@ -206,9 +203,12 @@ def _just_below_one(number: float) -> str:
     return f"{math.floor(number * 10**digits) / 10**digits:.{digits}f}"
 
 
-def with_exact_structures(model_class: ModelClass) -> ModelClass:
-    """The class with the structures that its own approximate; the class itself if none does."""
-    return model_class.with_structures(lambda structure, _: structure.exact)
+def with_confirming_structures(model_class: ModelClass, values: FloatArray) -> ModelClass:
+    """The class with structures that confirm its own at ``values`` (B, n_parameters)."""
+    columns = [own for *_, own in model_class.parts(values)]
+    return model_class.with_structures(
+        lambda structure, i: structure.confirming(columns[i][:, : len(structure.parameters)])
+    )
 
 
 def is_approximate(model_class: ModelClass) -> bool:

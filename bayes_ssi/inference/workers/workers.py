@@ -240,7 +240,11 @@ class Workers:
     def _started(self, context: Any) -> Executor:
         from loky import ProcessPoolExecutor
 
-        return ProcessPoolExecutor(self.n_workers, context=context, initializer=end_with_parent)
+        # What a worker keeps for the next call, such as factors of matrices, is no leak.
+        kept = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e12"}
+        return ProcessPoolExecutor(
+            self.n_workers, context=context, initializer=end_with_parent, env=kept
+        )
 
     def _content(self, data: bytes) -> bytes | Path:
         """A file for processes, each of which reads it only once; else the function itself."""

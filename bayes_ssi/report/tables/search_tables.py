@@ -108,7 +108,8 @@ def appendage_place_table(record: SearchRecord, least: float = 0.0) -> Table:
     """
     number = counted(len(record.matched), "appendage") if record.matched else "any"
     title = f"Appendages by place, averaged over all hypotheses with {number}"
-    headings = ["probability", record.mass_heading, "frequency (Hz)"]
+    unit = f" ({record.mass_unit})" if record.mass_unit else ""
+    headings = ["probability", f"vibrating mass{unit}", "frequency (Hz)"]
     table = layout.new_table(f"{title}: medians and 90 % intervals", ["place"], headings)
     for group in record.shown:
         shown = [each for each in group[: layout.MOST_PLACES] if each.probability >= least]
@@ -195,12 +196,14 @@ def unsampled_notes(record: FamilyRecord) -> list[str]:
     """How many hypotheses were not sampled, how probable they are at most, and how far off."""
     if not record.n_unsampled:
         return []
-    low, high = record.errors_of_screening
+    sampled = [each for each in record.hypotheses if each.is_sampled]
+    errors = [each.screened - each.log_evidence for each in sampled]
     sign = APPROXIMATELY.strip()
     return [
         f"{sign}: not sampled, {record.n_unsampled} of {len(record.hypotheses)} hypotheses; "
         f"probability together at most {probability_text(record.most_probability_unsampled)}.",
-        f"{sign}: off by {low:+.2f} to {high:+.2f} nats where hypotheses were sampled.",
+        f"{sign}: off by {min(errors):+.2f} to {max(errors):+.2f} nats where "
+        "hypotheses were sampled.",
     ]
 
 

@@ -15,7 +15,12 @@ from bayes_ssi.structures import modal
 from bayes_ssi.structures.elements import Element
 from bayes_ssi.structures.finite_elements.assembled_structure import AssembledStructure
 from bayes_ssi.structures.finite_elements.projected_structure import ProjectedStructure
-from bayes_ssi.structures.finite_elements.reduced_basis import Bounds, ReducedBasis, Reference
+from bayes_ssi.structures.finite_elements.reduced_basis import (
+    Bounds,
+    ReducedBasis,
+    Reference,
+    reference_of,
+)
 from bayes_ssi.structures.geometry import Place, SinglePlace
 from bayes_ssi.structures.matrix_terms import AffineArray
 from bayes_ssi.structures.modal import BATCHED_UP_TO, ModalModel, Modes
@@ -282,7 +287,7 @@ class ReducedStructure(ApproximateStructure):
     def _reference(self) -> Reference:
         main = self.full.without_elements
         (medians,) = main.system.coefficients(main.prior_medians())
-        return Reference(main.system, main.sensor_rows, medians)
+        return reference_of(main.system, main.sensor_rows, medians)
 
     def _copied(self) -> Self:
         """A copy for another basis, with the same reference."""

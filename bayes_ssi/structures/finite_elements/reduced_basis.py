@@ -30,6 +30,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from hashlib import blake2b
 from typing import NamedTuple
 
 import numpy as np
@@ -97,6 +98,26 @@ class Reference:
     def factor(self) -> Factor:
         """Of the stiffness, which solves K_r x = f."""
         return Factor(self.matrix, modal.NOT_SUPPORTED)
+
+
+_REFERENCES: dict[bytes, Reference] = {}
+
+
+def reference_of(
+    system: System, sensor_rows: NDArray[np.intp], coefficients: Coefficients
+) -> Reference:
+    """The reference, made once in a process for all copies of a model that are sent to it."""
+    matrices = (*system.stiffness.matrices, *system.mass.matrices)
+    arrays = [array for each in matrices for array in (each.data, each.indices, each.indptr)]
+    content = blake2b()
+    for array in (*arrays, sensor_rows, *coefficients):
+        content.update(array.tobytes())
+    key = content.digest()
+    if key not in _REFERENCES:
+        if len(_REFERENCES) == 2:  # a class seldom has more large models
+            del _REFERENCES[next(iter(_REFERENCES))]
+        _REFERENCES[key] = Reference(system, sensor_rows, coefficients)
+    return _REFERENCES[key]
 
 
 class Elongations:

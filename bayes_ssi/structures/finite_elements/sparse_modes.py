@@ -33,7 +33,6 @@ RIGID_SQUARE = 1e-4  # a rigid-body mode's (2πf)² is a smaller share of the ne
 # Steps of inverse iteration, after which a motion of a held model has strain energy, a thousand
 # times what rounding makes of a rigid one.
 STEPS_TO_LOWEST, CERTAIN = 6, 1e3
-MOST_RESTARTS = 10  # of Lanczos iterations for the lowest eigenvalue, which needs few or thousands
 
 
 class Factor:
@@ -93,37 +92,14 @@ def count_below(stiffness: Matrix, mass: Matrix, shift: float) -> int:
 
 def is_semidefinite(matrix: Matrix) -> bool:
     """Whether no eigenvalue is negative but for rounding."""
-    diagonal = matrix.diagonal()
-    largest = float(np.abs(diagonal).max(initial=0.0))
+    largest = float(np.abs(matrix.diagonal()).max(initial=0.0))
     if largest == 0.0:
         return matrix.nnz == 0
-    if _is_far_from_singular(matrix, diagonal):
-        return True
     shift = sp.diags_array(np.full(matrix.shape[0], FILE_ROUNDING * largest))
     try:
         return Factor(sp.csc_array(matrix + shift)).n_negative == 0
     except NoModesError:
         return False
-
-
-def _is_far_from_singular(matrix: Matrix, diagonal: FloatArray) -> bool:
-    """Whether Lanczos iterations converge to a lowest eigenvalue above a hundredth.
-
-    Of the matrix scaled to a unit diagonal: consistent masses have about a tenth, and no factor is
-    needed.
-    """
-    from scipy.sparse.linalg import ArpackError, eigsh
-
-    if len(diagonal) <= DENSE_UP_TO or diagonal.min() <= 0.0:
-        return False
-    root = sp.diags_array(1.0 / np.sqrt(diagonal))
-    start = np.random.default_rng(0).standard_normal(len(diagonal))
-    scaled, n = root @ matrix @ root, MOST_RESTARTS
-    try:
-        (lowest,), _ = eigsh(scaled, 1, which="SA", v0=start, tol=0.1, maxiter=n)
-    except ArpackError:
-        return False
-    return bool(lowest > 0.01)
 
 
 def lowest_modes(stiffness: Matrix, mass: Matrix, n_modes: int, extra: int = 0) -> Eigenpairs:

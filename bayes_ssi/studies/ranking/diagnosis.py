@@ -30,7 +30,10 @@ from bayes_ssi.inference.criticism.misfit import INADEQUATE
 from bayes_ssi.inference.model_class.configuration import Configuration, joint_digest, label_in
 from bayes_ssi.inference.model_class.model_class import ModelClass, Pairing
 from bayes_ssi.inference.posterior.posterior import Posterior
-from bayes_ssi.inference.posterior_sampling.refinement import is_approximate, with_exact_structures
+from bayes_ssi.inference.posterior_sampling.refinement import (
+    is_approximate,
+    with_confirming_structures,
+)
 from bayes_ssi.inference.posterior_sampling.sample import emulated_again
 from bayes_ssi.inference.sampling.ascents import ascend
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
@@ -357,7 +360,7 @@ def _fitted(
     gain = float(log_posteriors[0]) + repair.log_scale - best
     # The approximation may be coarse there; without any gain it is no hint in either case.
     if gain > NO_GAIN and is_approximate(changed):
-        changed = with_exact_structures(changed)
+        changed = with_confirming_structures(changed, values)
         exact = changed.log_likelihood(values) + log_standard_normal(z)
         gain += float((exact - log_posteriors)[0])
     modes = [likelihood.compared_modes(own) for _, likelihood, own in changed.parts(values)]

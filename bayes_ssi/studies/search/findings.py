@@ -129,12 +129,6 @@ class FamilyRecord(Displayed):
     def n_unsampled(self) -> int:
         return sum(not each.is_sampled for each in self.hypotheses)
 
-    @property
-    def errors_of_screening(self) -> tuple[float, float]:
-        """How much approximate log evidences exceed those sampled, least and most, in nats."""
-        errors = [each.screened - each.log_evidence for each in self.hypotheses if each.is_sampled]
-        return min(errors), max(errors)
-
     def hypothesis(self, name: str) -> HypothesisRecord:
         return {each.name: each for each in self.hypotheses}[name]
 
