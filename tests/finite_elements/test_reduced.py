@@ -177,6 +177,13 @@ def test_rows_and_copies_agree(reduced, small, monkeypatch):
         np.testing.assert_array_equal(part.shapes, together.shapes[rows])
 
 
+def test_copies_of_a_model_share_what_takes_long(reduced):
+    assert pickle.loads(pickle.dumps(reduced))._reference is reduced._reference
+    twice_as_stiff = [(k, 2.0 * part) for k, part in zip(factors(), beam(), strict=True)]
+    other = bs.MatrixStructure(twice_as_stiff, sp.eye_array(N), sensors={"end": N - 1}, n_modes=5)
+    assert other.reduced()._reference is not reduced._reference
+
+
 def test_response_is_that_of_the_full_model():
     frame = full(influence=np.ones(N))
     values = draws(3)
