@@ -108,8 +108,7 @@ def appendage_place_table(record: SearchRecord, least: float = 0.0) -> Table:
     """
     number = counted(len(record.matched), "appendage") if record.matched else "any"
     title = f"Appendages by place, averaged over all hypotheses with {number}"
-    unit = f" ({record.mass_unit})" if record.mass_unit else ""
-    headings = ["probability", f"vibrating mass{unit}", "frequency (Hz)"]
+    headings = ["probability", record.mass_heading, "frequency (Hz)"]
     table = layout.new_table(f"{title}: medians and 90 % intervals", ["place"], headings)
     for group in record.shown:
         shown = [each for each in group[: layout.MOST_PLACES] if each.probability >= least]

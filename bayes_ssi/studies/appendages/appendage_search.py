@@ -133,6 +133,10 @@ class SearchRecord(FamilyRecord):
     mass_unit: str = ""  # the structure's; empty where the study states none
 
     @property
+    def mass_heading(self) -> str:
+        return "vibrating mass" + (f" ({self.mass_unit})" if self.mass_unit else "")
+
+    @property
     def beaten(self) -> tuple[BaselineRecord, ...]:
         """Baselines that another class beats without any appendage, by very strong evidence.
 
