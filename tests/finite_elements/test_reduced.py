@@ -179,9 +179,13 @@ def test_rows_and_copies_agree(reduced, small, monkeypatch):
 
 def test_copies_of_a_model_share_what_takes_long(reduced):
     assert pickle.loads(pickle.dumps(reduced))._reference is reduced._reference
-    twice_as_stiff = [(k, 2.0 * part) for k, part in zip(factors(), beam(), strict=True)]
-    other = bs.MatrixStructure(twice_as_stiff, sp.eye_array(N), sensors={"end": N - 1}, n_modes=5)
-    assert other.reduced()._reference is not reduced._reference
+    stiffer = [bs.Parameter(f"k{i}", bs.LogNormal(2.0, 0.3)) for i in range(1, PARTS + 1)]
+    kinds = [(factors(), 2.0, range(19, N, 20)), (stiffer, 1.0, range(19, N, 20))]
+    for parameters, scale, places in [*kinds, (factors(), 1.0, [N - 1])]:
+        terms = [(k, scale * part) for k, part in zip(parameters, beam(), strict=True)]
+        sensors = {f"s{i}": i for i in places}
+        other = bs.MatrixStructure(terms, sp.eye_array(N), sensors=sensors, n_modes=5)
+        assert other.reduced()._reference is not reduced._reference
 
 
 def test_response_is_that_of_the_full_model():
