@@ -29,7 +29,7 @@ def fill_reducing_order(*matrices: Matrix) -> Numbers:
     return _dissected(entries, np.random.default_rng(0))
 
 
-def _dissected(entries: "sp.csr_array", rng: np.random.Generator) -> Numbers:
+def _dissected(entries: sp.csr_array, rng: np.random.Generator) -> Numbers:
     if entries.shape[0] > SMALL:
         below, above, between = _divided(entries, rng)
         if len(between) > SOLID * np.sqrt(entries.shape[0]):
@@ -38,7 +38,7 @@ def _dissected(entries: "sp.csr_array", rng: np.random.Generator) -> Numbers:
     return _by_minimum_degree(entries)
 
 
-def _by_minimum_degree(entries: "sp.csr_array") -> Numbers:
+def _by_minimum_degree(entries: sp.csr_array) -> Numbers:
     from scipy.sparse.linalg import spilu
 
     # Diagonally dominant, so positive definite; of its factor nearly all is dropped.
@@ -48,7 +48,7 @@ def _by_minimum_degree(entries: "sp.csr_array") -> Numbers:
     return np.argsort(by_degree.perm_c)
 
 
-def _divided(entries: "sp.csr_array", rng: np.random.Generator) -> list[Numbers]:
+def _divided(entries: sp.csr_array, rng: np.random.Generator) -> list[Numbers]:
     """Two parts of the rows, and those that separate them."""
     level, separating, least = np.zeros(entries.shape[0], dtype=np.intp), 0, np.inf
     distance = _distances(entries, int(rng.integers(len(level))))
@@ -67,7 +67,7 @@ def _divided(entries: "sp.csr_array", rng: np.random.Generator) -> list[Numbers]
     return [np.flatnonzero(part) for part in (~beyond & ~between, beyond, between)]
 
 
-def _distances(entries: "sp.csr_array", start: int) -> Numbers:
+def _distances(entries: sp.csr_array, start: int) -> Numbers:
     """Numbers of steps (n,) from a row, the most where there is no way."""
     distance, rows, steps = np.full(entries.shape[0], -1), np.array([start]), 0
     while len(rows):
