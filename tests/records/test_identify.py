@@ -243,9 +243,10 @@ def test_a_peak_says_what_the_record_can_tell(two, is_open, words):
     )
 
 
-def test_two_shapes_at_one_frequency_are_two_modes():
+@pytest.mark.parametrize("seed", [3, 6])  # with the latter, one source seems more probable first
+def test_two_shapes_at_one_frequency_are_two_modes(seed):
     """Equal poles, orthogonal shapes: the plane that the shapes span is known, and P(two)."""
-    rng, rate, n = np.random.default_rng(3), 20.0, 12_000
+    rng, rate, n = np.random.default_rng(seed), 20.0, 12_000
     directions = np.linalg.qr(rng.standard_normal((4, 2)))[0]
     pole = np.exp((-0.012 + 1j) * 2.0 * np.pi * 2.0 / rate)
     recursion = [1.0, -2.0 * pole.real, abs(pole) ** 2]

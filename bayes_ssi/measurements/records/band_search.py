@@ -115,12 +115,12 @@ def explain(
         if is_first and not is_driven:
             one_source = _is_one_source(parts)
         bands = _all_explained(parts, one_source, possible, fixed)
-        # Where independent loads do not explain the spectra, one source may: as they stand, or when
-        # more modes have been tried.
-        if not one_source and _n_doubtful(bands):
-            of_one_source = _all_explained(parts, True, possible, fixed)
-            if _n_doubtful(of_one_source) < _n_doubtful(bands):
-                one_source, bands = True, of_one_source
+        # Where one does not explain the spectra, the other may: as they stand, or when more modes
+        # have been tried.
+        if not is_driven and _n_doubtful(bands):
+            otherwise = _all_explained(parts, not one_source, possible, fixed)
+            if _n_doubtful(otherwise) < _n_doubtful(bands):
+                one_source, bands = not one_source, otherwise
         return bands, modes_of(bands, len(transforms.values))
 
     # Poles that many orders agree on, where no peak's band reaches, are tried, too.

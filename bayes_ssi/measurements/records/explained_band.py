@@ -267,7 +267,6 @@ def without_needless(fitter: Fitter, fit: LocalFit, clear: Sequence[Prominence])
     What has left the band, or has more damping than structures have, is no mode of it; a clear peak
     keeps its mode.
     """
-    kept: set[float] = set()
     while fit.modes.n_modes:
         f, half = fit.modes.frequencies_hz, fit.modes.half_widths_hz
         sizes = fit.model.drive.sizes(fit.modes)
@@ -278,14 +277,11 @@ def without_needless(fitter: Fitter, fit: LocalFit, clear: Sequence[Prominence])
             continue
         at_peaks = [np.abs(f - peak.frequency_hz) < half + peak.width_hz for peak in clear]
         for i in np.argsort(sizes / fit.modes.dampings**2).tolist():
-            if any(abs(f[i] / other - 1.0) < 1e-3 for other in kept):
-                continue
             if not any(at[i] and at.sum() == 1 for at in at_peaks):
                 without = fitter.fit(fit.modes.without(i), fit.has_phases)
                 if without.log_evidence > fit.log_evidence - NATS_OF_A_MODE:
                     fit = without
                     break
-            kept.add(float(f[i]))
         else:
             break
     return fit
