@@ -138,6 +138,16 @@ def test_the_turn_is_not_one_at_which_no_sensor_sees_the_mode():
     assert np.interp(turned.angles[0], turns[:, 0], exponents) > highest - 1.0
 
 
+def test_a_mode_that_sensors_hardly_see_has_the_shape_that_they_see():
+    """A local mode: another turn adds the neighbour's motion, thousands of times its own."""
+    model, sds = np.array([[1.0, 0.0], [2e-5, 5e-5]]), np.array([0.01, 0.01])
+    shapes = model / np.linalg.norm(model, axis=1)[:, None]
+    turning = turning_shapes(model[:, :, None], shapes[:, :, None], sds[:, None])
+    turned = Turned.of(np.array([400.0]), turning)
+    assert turned.log_means[0] == pytest.approx(by_trapezoids(400.0, model, shapes, sds), abs=1e-3)
+    assert turned.distances.max() < 1e-4
+
+
 def test_nodes_do_not_step_over_the_turn_at_which_no_sensor_sees_the_mode():
     """Its density has a narrow gap there, and is the same on both sides of it."""
     model, sds = np.array([[1.0, 0.0], [0.0, 0.003]]), np.array([0.1, np.inf])

@@ -23,16 +23,19 @@ EVEN_DISAGREE = 0.005
 PER_GAP = 2.0  # the least number that puts a node into every gap that is wider than this:
 LEAST_GAP = 0.002
 # At first a few about one turn, at so many of these steps over the root of the strength of all
-# pulls: 0.8 standard deviations at least. Sums over every other one are to agree to a tenth of a
-# per cent, as an integrand with several maxima may do by chance to half a per cent.
-FEW_TURNS, STEP, FEW_DISAGREE = 24, 0.4, 0.001
+# pulls: 0.8 standard deviations at least. Sums over every other one, which differ by 0.09 % for a
+# normal density, are to agree; an integrand with several maxima may do so by chance to half a per
+# cent.
+FEW_TURNS, STEP, FEW_DISAGREE = 24, 0.4, 0.0015
 UNEVEN = 0.3  # of a step, as every other node would be the other's mirror image with 0.5
 # Nodes until sums over every other one agree: about the highest turn, then about several.
 NUMBERS_OF_NODES = (24, 96, 384, 1536)
 DISAGREE = 3e-4
 NEGLIGIBLE = -12.0  # exponent below the maximum
 IMPROBABLE = -4.5  # the same, of a normal variable three standard deviations from its mean
-UNSEEN = 1e-4  # squared length over its mean over turns, below which rounding turns shapes
+# Squared length over its mean over turns, below which rounding turns shapes, where such lengths
+# reach what rounding leaves of none; sensors see others at every turn, however little.
+UNSEEN, VANISHING = 1e-4, 1e-12
 LEAST_WIDTH = 1e-6  # of a smaller turn, rounding leaves 1 - cos 2t fewer than four digits
 SPREAD = 2.0  # of nodes, in standard deviations of turns
 GRID, FINER_GRIDS = 48, 5  # turns at which the highest is sought, and how often anew about it
@@ -106,7 +109,8 @@ class TurningShapes(NamedTuple):
         """Whether sensors see next to nothing of one of the shapes at turns (n, E), (n, E)."""
         constant, of_cos, of_sin = self.lengths[:, :, None]
         lengths = constant + of_cos * cos2 + of_sin * sin2
-        unseen = (lengths < UNSEEN * constant) & np.isfinite(self.variances)[:, None]
+        vanish = constant - np.hypot(of_cos, of_sin) < VANISHING * constant
+        unseen = (lengths < UNSEEN * constant) & vanish & np.isfinite(self.variances)[:, None]
         return np.asarray(unseen.any(axis=0))
 
     @property
@@ -381,19 +385,8 @@ def _integrated(
 
 
 def _cosines_of_steps(n: int, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cosines and sines (n, E) of twice n turns at equal steps, within ``reach`` (E,) of none.
-
-    Of the first few; the others are as many again, turned by so many steps, until there are n.
-    """
-    step, power_of_2 = 4.0 * reach / n, n & -n  # the largest that divides n
-    first = (np.arange(n // power_of_2)[:, None] + UNEVEN) * step - 2.0 * reach
-    cos2, sin2 = np.cos(first), np.sin(first)
-    c, s = np.cos(len(first) * step), np.sin(len(first) * step)
-    while len(cos2) < n:
-        turned = cos2 * c - sin2 * s, sin2 * c + cos2 * s
-        cos2, sin2 = (np.concatenate(each) for each in zip((cos2, sin2), turned, strict=True))
-        c, s = c * c - s * s, 2.0 * c * s
-    return cos2, sin2
+    """Those of n turns (n, E) at equal steps, within ``reach`` (E,) of none."""
+    return _cosines((np.arange(n)[:, None] + UNEVEN) * (2.0 * reach / n) - reach)
 
 
 def _cosines(turns: FloatArray) -> tuple[FloatArray, FloatArray]:
