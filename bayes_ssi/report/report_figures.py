@@ -165,8 +165,8 @@ def _of_class(stored: StoredResult, posterior: Posterior, with_corner: bool) -> 
 
 def _of_most_interest(posterior: Posterior, search: FamilyRecord | None) -> list[str]:
     """Parameters of features, then those whose spread the data reduce most; in their order."""
-    of_features = search.parameters_of_features(posterior.name) if search else []
+    of_baselines = [each.name for each in search.averaged_parameters] if search else []
     spreads = dict(zip(posterior.parameter_names, posterior.relative_spreads, strict=True))
-    ordered = sorted(spreads, key=lambda name: (name not in of_features, spreads[name]))
+    ordered = sorted(spreads, key=lambda name: (name in of_baselines, spreads[name]))
     chosen = ordered[: LIMITS.parameters_in_corner]
     return [name for name in spreads if name in chosen]

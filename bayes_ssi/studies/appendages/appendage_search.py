@@ -28,7 +28,6 @@ from bayes_ssi.studies.appendages.baselines import (
     Feature,
     MassScale,
     hypothesis,
-    parameters_of,
 )
 from bayes_ssi.studies.appendages.candidates import (
     VISIBLE_SHARE,
@@ -161,10 +160,6 @@ class SearchRecord(FamilyRecord):
         number = len(self.matched)
         of_number = (row for row in self.hypotheses if len(row.claimed) == number)
         return min(1.0, sum(row.probability for row in of_number))
-
-    def parameters_of_features(self, name: str) -> list[str]:
-        places: list[Any] = [each.place for each in self.hypothesis(name).features]
-        return [name for place in places for name in parameters_of(place)]
 
     def model_class(self, study: Study, name: str) -> ModelClass:
         row = self.hypothesis(name)

@@ -185,14 +185,6 @@ def in_model_name(place: AppendagePlace) -> str:
     return f"share in the model, {place.name}"
 
 
-def parameters_of(place: Feature) -> list[str]:
-    """Names of the parameters of an appendage, or of another motion."""
-    if isinstance(place, FurtherMotion):
-        return [frequency_name(place)]
-    inferred = [in_model_name(place)] if place.in_model is None else []
-    return [mass_name(place), frequency_name(place), *inferred]
-
-
 @dataclass(frozen=True, eq=False)
 class Baselines(Family[Feature]):
     """The classes that a search hangs appendages on, and what it compares them with."""

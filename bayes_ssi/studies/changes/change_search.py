@@ -71,9 +71,6 @@ class ChangeRecord(FamilyRecord):
         tests = f"between {listed(map(repr, self.before))} and {listed(map(repr, self.after))}"
         return f"{'something' if holds else 'nothing'} changed {tests} is"
 
-    def parameters_of_features(self, name: str) -> list[str]:
-        return [loss for change in self.hypothesis(name).features for loss in change.amounts]
-
     def model_class(self, study: Study, name: str) -> ModelClass:
         row = self.hypothesis(name)
         family = choose_changes(study.only([row.baseline]), self.before, self.after, self.settings)

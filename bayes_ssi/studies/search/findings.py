@@ -138,10 +138,6 @@ class FamilyRecord(Displayed):
         return self.probability_of_any >= 0.5
 
     @abstractmethod
-    def parameters_of_features(self, name: str) -> list[str]:
-        """Those that a hypothesis adds to its baseline."""
-
-    @abstractmethod
     def model_class(self, study: Study, name: str) -> ModelClass:
         """The class of a hypothesis, built again on the study that was searched.
 
