@@ -204,8 +204,7 @@ class ProductTable:
     """Evaluates many products for a batch of parameter values at once."""
 
     products: tuple[Product, ...]
-    # The columns of the values that :meth:`evaluate` takes; every parameter in ``products`` is
-    # among them.
+    # The columns of the values that :meth:`evaluate` takes, all of ``products`` among them.
     parameters: tuple[Parameter, ...]
 
     @cached_property

@@ -232,8 +232,7 @@ def _identifications(
 def _labels(record: IdentificationSummary, data: ModalData) -> list[str | None]:
     """The label of each identified mode in the data; None where it was left out of them.
 
-    Modes may have been renamed or merged since: two are the same where each is the nearest to the
-    other.
+    Modes may have been renamed or merged: two are the same where each is nearest to the other.
     """
     own = np.array([mode.frequency_hz for mode in record.modes])
     apart = np.abs(np.log(own[:, None] / data.frequencies_hz))

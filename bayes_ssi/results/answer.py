@@ -40,8 +40,7 @@ SURE_PAIRING = 0.95  # least probability of a pairing that is said without it
 class Answer:
     """The answer of a result, the most important first."""
 
-    # What has to be understood before the answer is trusted: a sentence, and the items of the list
-    # below it.
+    # What has to be understood before the answer is trusted: sentences, and the items below each.
     warnings: tuple[tuple[str, tuple[str, ...]], ...]
     verdict: str
     reasons: tuple[str, ...]

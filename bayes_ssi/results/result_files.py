@@ -152,8 +152,7 @@ def _require_parent(path: Path) -> None:
 def new_directory(directory: str | Path, *, marker: str, overwrite: bool = False) -> Iterator[Path]:
     """A temporary directory that becomes ``directory`` at the end, and is removed on failure.
 
-    Arguments and errors are as in :func:`require_new`; an error of writing names the file where
-    it would be in the end, or the directory.
+    Arguments and errors are as in :func:`require_new`; errors of writing name the final place.
     """
     directory = Path(directory)
     require_new(directory, marker=marker, overwrite=overwrite)

@@ -271,8 +271,7 @@ class InPlaneInfill(_Infill):
 class OutOfPlaneInfill(_Infill, _InSeries):
     """An infill that vibrates out of its plane between two floors (S-NSE).
 
-    Half of its mass moves on a spring between it and the mean of the two floors; a quarter moves
-    with each floor.
+    Half of its mass moves on a spring to the mean of the two floors, a quarter with each floor.
 
     Attributes:
         between: the two floors, 0 being the ground, or other places, as those of a pendulum.

@@ -84,8 +84,7 @@ class Geometry:
     """The nodes of a structure, and the lines and faces between them.
 
     A degree of freedom belongs to the node that its label names, without the last word where that
-    is a direction: ``"node 7 x"`` is the motion of ``"node 7"`` along x, and ``"node 7 rx"`` a
-    rotation there.
+    is a direction: ``"node 7 x"`` is a motion of ``"node 7"`` along x, ``"node 7 rx"`` a rotation.
 
     Attributes:
         nodes: name → (x, y, z).

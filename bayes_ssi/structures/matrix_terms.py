@@ -180,8 +180,7 @@ class CarriedElements:
     def influence(self, influence: FloatArray) -> FloatArray:
         """Displacements (whole_size,) when the ground moves by 1, from those (size,) without them.
 
-        Own springs do not deform: where one ends on the ground, that moves as its other ends do;
-        by 1 without any.
+        Own springs do not deform: one that ends on the ground moves as its others do, or by 1.
         """
         whole = np.append(influence, np.zeros(len(self.labels)))
         for row, (_, vector, on_ground) in enumerate(self.own_springs, self.size):

@@ -140,8 +140,7 @@ def modal_model(
 
     Args:
         mass_times_shapes: (B, n_dof, n_modes), M φ in the scale of ``modes.shapes``.
-        influence: (n_dof,); ones if None, all degrees of freedom then being displacements in the
-            direction of the ground motion.
+        influence: (n_dof,); ones if None, as where all move in the direction of the ground motion.
     """
     frequencies_hz = modes.frequencies_hz
     # How a sum is ordered depends on the layout in memory, which may depend on the batch's size.

@@ -330,8 +330,7 @@ def transfer_functions(
     Args:
         values: (B, n_parameters).
         frequencies_hz: (F,), of the input.
-        force_at: the degree of freedom, or sensor's place and direction, at which a force acts;
-            ground acceleration if None.
+        force_at: the degree of freedom or sensor at which a force acts; ground motion if None.
     """
     omega = 2.0 * np.pi * checked_frequencies(frequencies_hz)
     matrix = output.matrix_on(structure)

@@ -155,15 +155,13 @@ class ShearBuilding3D(RigidFloors):
 class FloorBlock(Element):
     """A mass somewhere on a floor of a structure in space, or off a node of another one.
 
-    Off the floor's centre it couples the floor's motions: its static moment counts, and its polar
-    inertia about the centre.
+    Off the floor's centre it couples its motions: the static moment and the polar inertia count.
 
     Attributes:
         on: the floor, from 1; on other structures, labels of the degrees of freedom (or sensors)
             in x, y and torsion (in radians) of the node or rigid part that carries it.
         mass: the mass, in the structure's unit.
-        at: (x, y) of its centre from the floor's centre or from the node, in the structure's unit
-            of length.
+        at: (x, y) of its centre from the floor's or the node, in the structure's unit of length.
         radius: radius of gyration about its own centre; a point mass if None.
         label: names the element in messages and reports; made from its place if not given.
 

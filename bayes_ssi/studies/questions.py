@@ -39,8 +39,7 @@ def rank(
         study: the candidates.
         seed: a class's result follows from it and the class's name, regardless of other classes.
         settings: how precisely to sample.
-        run: workers, a checkpoint to resume from, and progress; the result does not depend on
-            them.
+        run: workers, a checkpoint to resume from, and progress; no result depends on them.
 
     Raises:
         ValueError: the classes explain different data, a class's likelihood is zero everywhere,
@@ -82,8 +81,7 @@ def search(
         search_settings: what an appendage may be.
         seed: a hypothesis's result follows from it and the hypothesis's name.
         settings: how precisely to sample.
-        run: workers, a checkpoint to resume from, and progress; the result does not depend on
-            them.
+        run: workers, a checkpoint to resume from, and progress; no result depends on them.
         baselines: names of the study's classes that appendages are hung on; the others are
             compared without any.
         candidates: where appendages may hang; floors and storeys where a structure has them, else
@@ -124,8 +122,7 @@ def changes(
         change_settings: what a change may be.
         seed: a hypothesis's result follows from it and the hypothesis's name.
         settings: how precisely to sample.
-        run: workers, a checkpoint to resume from, and progress; the result does not depend on
-            them.
+        run: workers, a checkpoint to resume from, and progress; no result depends on them.
         joined: name of a place → parameters that lose one share. Every parameter of the structure
             that is neither here nor in ``places`` is a place of its own.
         places: name of a place → parameters of which each loses a share of its own.

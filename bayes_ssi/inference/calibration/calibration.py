@@ -68,11 +68,9 @@ class Calibration(Displayed):
             ``Σ r²/σ² + Σ z²`` over residuals r with standard errors σ and standard-normal
             coordinates z of the parameters, which is the posterior density's exponent.
         standard_errors: of every parameter at the best minimum, in its own unit; from the data, and
-            from the prior where it was fitted. Infinite where the data alone know less of it than
-            the prior did.
-        errors_are_correlated: whether the class's error model has correlations. These are not
-            considered here: standard errors, and a fit with the prior, take all residuals for
-            independent.
+            from the prior where it was fitted. Infinite where the data know less than the prior.
+        errors_are_correlated: whether the class's error model has correlations, which are not
+            considered here: standard errors and fits with the prior take residuals as independent.
     """
 
     name: str
@@ -137,10 +135,8 @@ def calibrate(
             squares, whose minima are the maxima of the posterior density at fixed error sizes.
 
     Raises:
-        NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have
-            no parameter.
-        ValueError: the weight is negative, there is no start or there are too many, or no search
-            converged.
+        NothingToCalibrateError: no mode is paired, a pairing is inferred, or there is no parameter.
+        ValueError: the weight is negative, starts are none or too many, or no search converged.
 
     >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))
     >>> modes = bs.ModalData((bs.IdentifiedMode("1", 0.622),), band_hz=(0.0, 1.0))
@@ -280,8 +276,7 @@ def modal_sensitivities(model_class: ModelClass) -> ModalSensitivities:
             gives the weight of shapes in the proposal, and other ``priors`` another point.
 
     Raises:
-        NothingToCalibrateError: no mode is paired, a pairing is inferred, or the structures have no
-            parameter.
+        NothingToCalibrateError: no mode is paired, a pairing is inferred, or there is no parameter.
         ValueError: a prior median is zero.
 
     >>> frame = bs.ShearBuilding((1.0, 1.0), 2 * (bs.Parameter("k", bs.LogNormal(40.0, 0.3)),))

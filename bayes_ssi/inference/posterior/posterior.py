@@ -116,8 +116,7 @@ class Posterior(Displayed):
         regions: separate regions, the most probable first.
         maxima: (m, n_parameters), parameter values at the maxima of likelihood times prior
             density in standard-normal coordinates, the highest first.
-        r_hat: the largest rank-normalised split R-hat of any parameter, between all chains, by
-            arviz.
+        r_hat: the largest rank-normalised split R-hat of any parameter over all chains, by arviz.
         burn_in: steps of each chain that were left out before ``draws``.
         thinned_by: one in so many of the other steps is kept.
         autocorrelation_time: emcee's, the longest of any parameter and ensemble, in steps; NaN

@@ -39,8 +39,7 @@ class Ensemble:
     positions: FloatArray  # (n_steps, n_walkers, d)
     log_posteriors: FloatArray  # (n_steps, n_walkers), likelihood times prior density
     burn_in: int  # steps left out before them
-    # As emcee estimates it, the longest of all coordinates, in steps; NaN where a walker did not
-    # move.
+    # By emcee, the longest of all coordinates, in steps; NaN where a walker did not move.
     autocorrelation_time: float
     acceptance_fraction: float  # emcee's, the mean over walkers
     thinned_by: int = 1  # of the steps after burn-in, one in so many is kept

@@ -128,8 +128,7 @@ def find_maxima(
 ) -> Maxima:
     """Climb from every row of ``starts`` (S, d): the distinct maxima reached, and those known.
 
-    ``covariances`` (S, d, d) are what is known of those at the maxima; a first ascent finds them if
-    None.
+    ``covariances`` (S, d, d) are those at the maxima, roughly; of a first ascent if None.
     """
     known = known or no_maxima(target.n_dimensions)
     if covariances is None:

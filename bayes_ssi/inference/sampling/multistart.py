@@ -136,8 +136,7 @@ class _Searches:
     def climb(self, starts: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """From the highest draws and the suggested starts of each of some more searches.
 
-        As many further ascents follow, from lower and lower draws, while maxima are likely to be
-        left.
+        As many further ascents follow, from lower draws, while maxima are likely to be left.
         """
         begin = 0
         for end in self.n_ascents * np.cumsum(ROUNDS):

@@ -54,8 +54,7 @@ class Target:
     _number: int = field(default=0, init=False)  # of this model in the cache
     noise: float = field(default=0.0, init=False)  # in nats, where it was measured
     n_evaluations: int = field(default=0, init=False)
-    # Points at which the function raised, returned NaN or lost its worker; they count as likelihood
-    # zero.
+    # Points of likelihood zero, as the function raised, returned NaN or lost its worker there.
     n_failed: int = field(default=0, init=False)
     # The point (d,) at which it failed first, and why.
     first_failure: tuple[FloatArray, str] | None = field(default=None, init=False)

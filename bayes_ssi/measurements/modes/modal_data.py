@@ -43,8 +43,7 @@ class ModalData(Displayed):
             not measured do not count. It gives every mode its ``frequency_cov``, and its
             ``shape_sd`` as √(trace / (d - 1)) of its d measured components. None where errors of
             these sizes are independent.
-        identifications: how the modes were identified from vibration records; empty where that is
-            not known.
+        identifications: how the modes were identified from records; empty where not known.
         failed_checks: why these modes may be wrong, besides those of their identifications, as
             where the setups that they are merged from disagree; a sentence each.
 

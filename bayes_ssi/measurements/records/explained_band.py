@@ -39,8 +39,7 @@ class ExplainedPeak(NamedTuple):
     """A peak of the spectra, and how its explanations compare with one mode with a real shape."""
 
     modes: tuple[int, ...]  # places of its modes among those of the band
-    # By which one mode whose sensors have phases explains it better; what is rarer before has fewer
-    # already.
+    # By which one mode with phases explains it better, less those by which it is rarer before.
     nats_of_phases: float
     nats_of_two: float | None  # by which two modes do; None if none are fitted there
     is_undecided: bool = False  # one mode or two

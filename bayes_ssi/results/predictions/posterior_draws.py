@@ -49,8 +49,7 @@ class Prediction(Displayed):
 
     Attributes:
         draws: (n_draws, ...).
-        share: of the draws that predict the quantity at all; below 1 where some classes do not
-            explain an identified mode.
+        share: of the draws that predict the quantity; below 1 where classes do not explain a mode.
     """
 
     draws: FloatArray
@@ -201,8 +200,7 @@ def predict_frequencies(
 
     Every draw is the frequency of the model at a posterior draw with a draw of the prediction
     error, given the errors of the identified modes: where errors are correlated, what the model
-    missed in other tests, or in other modes, is expected again. Identification errors are not part
-    of it.
+    missed in other tests, or in other modes, is expected again. Identification errors are left out.
 
     Args:
         posterior: posterior of the class.

@@ -67,8 +67,7 @@ class ResponseRequest:
         motions: of the ground, for time histories and their peaks.
 
     Raises:
-        ValueError: a frequency or a damping ratio is not usable, or two ground motions have one
-            name.
+        ValueError: a frequency or damping ratio is not usable, or two motions have one name.
     """
 
     output: Output

@@ -273,8 +273,7 @@ class EmulatorFit(NamedTuple):
     def spreads(self, x: FloatArray, known: FloatArray | None = None) -> FloatArray:
         """The process's spread (B,) at ``x``, zero where the structure is expected to fail.
 
-        ``known`` are taken for solutions, as are points that failed: others close to them would
-        fail, too.
+        ``known`` are taken for solutions, as are points that failed: others close by would, too.
         """
         known = np.empty((0, x.shape[1])) if known is None else known
         spreads = self.process.spreads(x, np.concatenate([self.failing.x, known]))

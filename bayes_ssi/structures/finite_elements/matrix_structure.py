@@ -72,8 +72,7 @@ class ReducedStructure(ApproximateStructure):
 
         The basis is extended by a static solution for every place of the element and by the
         element's own degree of freedom; no mode is solved for. The error is certified as before,
-        and :meth:`accurate_at` adds full solutions of the model with the element where they are
-        needed.
+        and :meth:`accurate_at` adds full solutions with the element where they are needed.
         """
         whole = self._copied()
         whole.full = self.full.with_element(element)

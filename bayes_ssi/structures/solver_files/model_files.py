@@ -86,12 +86,10 @@ def read_model(
             with a line ``12 x``, ``12 1`` or ``12.1`` for each.
         units: the units of the model, such as "N, mm": turns it into N, m, kg. None leaves the
             numbers as exported.
-        numbered: rows that neither files nor caller label are ``dof 1``, ``dof 2``, …, as the files
-            count them.
+        numbered: rows that neither files nor caller label are ``dof 1``, ``dof 2``, … in order.
 
     Returns:
-        The model; :class:`MatrixStructure` takes its ``stiffness``, ``mass``, ``labels`` and
-        ``geometry``.
+        The model, whose matrices, labels and geometry :class:`MatrixStructure` takes.
 
     Raises:
         OSError: a file cannot be read.

@@ -105,8 +105,7 @@ class BaselineRecord:
     log_evidence: float  # without any appendage, in nats; approximate where that was not sampled
     prior_probability: float
     probability: float
-    # The mass, in the structure's unit, to which mass ratios refer; None where no appendage was
-    # tried.
+    # The mass, in the structure's unit, that ratios refer to; None where no appendage was tried.
     mass_scale: MassScale | None
 
 

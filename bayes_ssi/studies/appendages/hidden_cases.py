@@ -57,8 +57,7 @@ class HiddenCase:
     Attributes:
         place: of the appendage, by the name that a search gives it.
         mass: that vibrates, in the structure's unit, and ``frequency_hz``, its own.
-        missed: number of the mode of the structure with it, from 1, that is not in the table; 0 if
-            all are.
+        missed: number, from 1, of the mode with it that is not in the table; 0 if all are.
         parameter: the stiffness, or other parameter of the structure, that is most wrong, and
             ``error``, by how much, relative.
         warning: the failed check or remark that the analyst sees, where it is wrong; the first.

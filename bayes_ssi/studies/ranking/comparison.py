@@ -87,8 +87,7 @@ class RankedClass:
     error: float
     prior_probability: float  # among the classes compared, and ``probability`` likewise
     probability: float
-    # Log evidence less that of the most probable class; positive only where prior weights outweigh
-    # it.
+    # Log evidence less that of the most probable class; positive where prior weights outweigh it.
     log_bayes_factor: float
     log_bayes_factor_error: float  # standard error of the difference
     # The evidence against this class in the words of the named scale, or "not distinguishable".

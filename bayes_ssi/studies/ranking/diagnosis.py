@@ -81,8 +81,7 @@ class Repair:
 def repairs_of_shapes(model_class: ModelClass, in_one_mode: bool) -> list[Repair]:
     """Each two sensors exchanged and each sensor's sign turned, in one mode or in whole tests.
 
-    Those that come to the same are one: of two sensors, the sign of the one is as good as that of
-    the other.
+    Those that come to the same are one: of two sensors, either sign is as good as the other.
     """
     places: list[tuple[str, list[Configuration], str | None]]
     places = [(*place, None) for place in _tests(model_class)]
