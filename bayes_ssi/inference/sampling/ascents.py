@@ -20,22 +20,22 @@ STEP_OVER_NOISE = 0.05
 STEPS_OF_ASCENT = 60
 LONGEST_STEP = 2.0
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])  # tried together, as shares of the BFGS step
-# An ascent ends where a step gains fewer nats.
-LEAST_RISE = 1e-3
-# Or where so many steps rise by less than this share of it: they creep up to an edge, over which
-# the log posterior falls.
+LEAST_RISE = 1e-3  # nats of the last step
+# Ascents also end where so many steps rise by less than this share of the least: they creep up to
+# an edge, over which the log posterior falls.
 MOST_CREEPING, CREEPING = 6, 0.1
 
 
 def ascend(
-    target: Target, starts: FloatArray, inverse: FloatArray, axes: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray]:
+    target: Target, starts: FloatArray, inverse: FloatArray, axes: FloatArray | None = None,
+    least_rise: float = LEAST_RISE,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """All ascents by BFGS with finite differences: end points and their log posteriors.
 
     ``inverse`` (S, k, k) are the first inverse Hessians, along the orthonormal ``axes`` (k, d) that
-    ascents keep to; those of the coordinates if None.
+    ascents keep to; those of the coordinates if None. Steps below ``least_rise`` end them.
     """
-    ascents = _Ascents(target, starts, inverse, axes)
+    ascents = _Ascents(target, starts, inverse, axes, least_rise)
     while len(ascents.active):
         ascents.go_on()
     return ascents.z, ascents.value
@@ -45,14 +45,15 @@ class _Ascents:
     """S ascents, each of which tries a step, or asks for the gradient where its last one led."""
 
     def __init__(
-        self, target: Target, starts: FloatArray, inverse: FloatArray, axes: FloatArray | None
-    ) -> None:
+        self, target: Target, starts: FloatArray, inverse: FloatArray, axes: FloatArray | None,
+        least_rise: float,
+    ) -> None:  # fmt: skip
         self.target, self.z = target, np.array(starts, dtype=float)  # (S, d)
         n, d = self.z.shape
         self.axes = np.eye(d) if axes is None else axes
         self.inverse = inverse.copy()
         self.difference = max(GRADIENT_STEP, STEP_OVER_NOISE * math.sqrt(target.noise))
-        self.least_rise = max(LEAST_RISE, 3.0 * target.noise)
+        self.least_rise = max(least_rise, 3.0 * target.noise)
         self.last_step, self.gradient = np.zeros((2, n, len(self.axes)))
         self.reach, (self.n_steps, self.n_creeping) = np.ones(n), np.zeros((2, n), dtype=int)
         # Whether the gradient at z is known, and whether the last step was a full one: the next one

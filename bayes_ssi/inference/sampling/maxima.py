@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_ssi.foundations.arrays import FloatArray
-from bayes_ssi.inference.sampling.ascents import GRADIENT_STEP, ascend
+from bayes_ssi.inference.sampling.ascents import GRADIENT_STEP, LEAST_RISE, ascend
 from bayes_ssi.inference.sampling.diagnostics import EvidenceEstimate
 from bayes_ssi.inference.sampling.mixture import (
     HEAVY_TAILS,
@@ -140,9 +140,12 @@ def find_maxima(
     return maxima
 
 
-def first_ascent(target: Target, starts: FloatArray) -> tuple[FloatArray, FloatArray]:
+def first_ascent(
+    target: Target, starts: FloatArray, least_rise: float = LEAST_RISE
+) -> tuple[FloatArray, FloatArray]:
     """As of `ascend`, from every row of ``starts`` (S, d), where no curvature is known."""
-    return ascend(target, starts, np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1)))
+    inverse = np.tile(np.eye(target.n_dimensions), (len(starts), 1, 1))
+    return ascend(target, starts, inverse, least_rise=least_rise)
 
 
 def maxima_near(

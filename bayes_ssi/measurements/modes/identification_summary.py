@@ -99,8 +99,7 @@ class IdentificationSummary:
             among those identified, and why.
         remarks: what to know of the result, a sentence each.
         doubts: why the claimed errors may be wrong, a sentence each.
-        left_out: sensors that did not measure the motion at their places, and why: no shape has a
-            component there.
+        left_out: sensors that did not measure their motion, and why; shapes have none there.
         figures: paths of pictures of the identification.
     """
 

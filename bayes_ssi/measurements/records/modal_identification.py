@@ -121,8 +121,7 @@ def identify(
         at: frequencies of the modes, in Hz, in place of the candidates; all are then kept.
         ground: the sensor that measures the motion of the base, if that drives the structure; modes
             are then those of the amplification at the other sensors, however strong or long the
-            motion is. If None, a sensor that is named ground or base, where the others mostly
-            follow it; "" for none.
+            motion is. If None, one named ground or base that the others follow; "" for none.
 
     Raises:
         ValueError: the record does not cover the band, ground is no sensor or leaves too few, no

@@ -313,8 +313,7 @@ def load_predictions(
         directory: the result.
         study_file: the study; the file that the result names if None.
         n_draws: number of posterior draws of every prediction; at most those that are stored.
-        configuration: the state of the structure that is predicted; not needed where there is
-            only one.
+        configuration: the state that is predicted; not needed where there is only one.
 
     Raises:
         ValueError: the result is damaged or incomplete, the study file is missing, defines no

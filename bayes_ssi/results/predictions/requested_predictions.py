@@ -62,8 +62,7 @@ class ResponseRequest:
         output: the quantity, and its places.
         damping: fraction of critical damping, of all modes or of each.
         frequencies_hz: (F,), of transfer functions; none are computed if None.
-        force_at: where the force of the transfer functions acts; if None, their input is the
-            acceleration of the ground.
+        force_at: where the transfer functions' force acts; if None, the ground accelerates.
         motions: of the ground, for time histories and their peaks.
 
     Raises:
@@ -141,8 +140,7 @@ def predict_responses(
     Args:
         predicted: what :func:`~bayes_ssi.results.predictions.predictions.load_predictions` gives.
         name: model class, or hypothesis of a search; "average" for all by their probabilities.
-        request: the response, its place, damping and input; if None, transfer functions of the
-            acceleration at the top.
+        request: the response; if None, transfer functions of the acceleration at the top.
 
     Raises:
         ValueError: there is no such class, place or mode, or a damping ratio is not usable.

@@ -9,7 +9,7 @@ evidence. Efforts are a ladder, from the cheapest:
 ========  =======================================  ==================  ========================
 effort    what is computed                         error; evaluations  who goes on to the next
 ========  =======================================  ==================  ========================
-look      the greatest likelihood, of hypotheses   only a bound; 3,300 the highest, until those
+look      the greatest likelihood, of hypotheses   only a bound; 2,200 the highest, until those
           that differ in places all together                           left have a thousandth
 quick     Laplace's approximation at the maxima,   some tenths of a    those with 0.3 % of the
           and 300 importance draws about them;     nat, or 0.1; 1,000  probability of all

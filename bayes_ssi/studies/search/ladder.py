@@ -42,6 +42,7 @@ from bayes_ssi.studies.search.approximate_evidence import (
     with_more_draws,
 )
 
+LEAST_RISE_OF_LOOK = 0.1  # nats of the last step of a look: a bound to a tenth of a nat is enough
 MOST_SEVERAL = 300  # hypotheses with several features that go on from a look
 SHARE_LEFT_OUT = 1e-3  # of what the others have, for all together that a look leaves out
 SHARE_FOR_DRAWS = 1e-4  # many with so little matter together, and draws cost little
@@ -82,7 +83,7 @@ def _look(hypothesis: ToScreen, target: Target, seed: int) -> Screened | None:
     if not possible.any():
         return None
     starts = local_maxima(z[possible], log_likelihoods[possible])[: LOOK.n_ascents]
-    z, log_posteriors = first_ascent(target, starts)
+    z, log_posteriors = first_ascent(target, starts, LEAST_RISE_OF_LOOK)
     order = np.argsort(-log_posteriors, kind="stable")
     z, log_posteriors = z[order], log_posteriors[order]
     unit, tails = np.eye(z.shape[1])[None], np.array([HEAVY_TAILS])
