@@ -249,8 +249,7 @@ def fake_sampling(monkeypatch, make_posterior, no_motions):  # noqa: ARG001
     """Replaces screening and sampling by given log evidences; returns the names screened, by level.
 
     Every hypothesis has draws of its own. ``install.sampled`` are the names sampled, round by
-    round; screening gives ``approximately``, by default the same evidences. Other fields of the
-    posteriors may be given.
+    round; screening gives ``approximately``, by default the same. Posteriors may have other fields.
     """
 
     # Posteriors that were not sampled have no modes to move in.

@@ -217,3 +217,8 @@ def test_other_modes_and_rows_stay_as_they_are():
     assert not np.allclose(shapes[0, :, 1:], before[0, :, 1:])
     plane = np.linalg.qr(before[0, :, 1:])[0]
     np.testing.assert_allclose(plane @ (plane.T @ shapes[0, :, 1:]), shapes[0, :, 1:], atol=1e-12)
+
+
+def test_motions_of_rounding_are_none():
+    shapes = np.array([[[1.0, 1e-12], [0.5, 1.0]]])
+    np.testing.assert_array_equal(modal.seen_shapes(shapes), [[[1.0, 0.0], [0.5, 1.0]]])

@@ -1,7 +1,6 @@
 """A log-likelihood whose log evidence is known, and the densities that such problems are made of.
 
-Coordinates are standard normal a priori. Problems with a uniform prior take them through the
-normal distribution function.
+Coordinates are standard normal a priori; uniform priors take their distribution function.
 """
 
 from __future__ import annotations
@@ -34,8 +33,7 @@ class Problem:
         hidden_mass: prior mass of a region in which alone its likelihood shows, where nothing
             outside leads to it; a method that did not draw inside cannot know of it. None where
             the whole posterior can be reached.
-        model_class: whose likelihood it is, where the searches may use what is known of it; None
-            for a black box.
+        model_class: whose likelihood it is, where searches may use it; None for a black box.
     """
 
     name: str
@@ -72,8 +70,7 @@ def sum_of_gaussians(
     """Gaussians at ``centres`` (K, d) with ``sds`` (K,), by their shares (K,) of the evidence.
 
     Closed form: ∫ N(z; c, s²) N(z; 0, 1) dz = N(c; 0, 1 + s²) in each coordinate. The evidence
-    is 1. A point belongs to the term that is highest there, which gives each its share where they
-    hardly overlap.
+    is 1. A point belongs to the term that is highest there: right where they hardly overlap.
     """
     n_dimensions = centres.shape[1]
     own = log_normal_pdf(centres, 0.0, np.sqrt(1.0 + sds**2)[:, None]).sum(1)

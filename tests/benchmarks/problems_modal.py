@@ -106,8 +106,7 @@ def exact_modes(true: bs.Structure, n: int, end_hz: float | None = None) -> bs.M
 def any_pairing_of_twelve_degrees_of_freedom(error: float) -> bs.ModelClass:
     """Four storeys that move in x, y and torsion; stiffnesses of the first storey and the others.
 
-    The six lowest modes without noise, those in x and y close to one another, at three sensors of
-    each floor.
+    The six lowest modes without noise, close in x and y, at three sensors of each floor.
     """
     names = ("x of storey 1", "x above", "y of storey 1", "y above")
     factors = [bs.Parameter(name, bs.LogNormal(1.0, 0.3)) for name in names]

@@ -26,8 +26,7 @@ TAILS = (0.05, 0.95)  # arviz's first generation takes these where none are give
 def watching_emcee() -> Iterator[Callable[[], list[Array]]]:
     """A function that returns, and forgets, the steps of all emcee samplers made meanwhile.
 
-    Each are (n_steps, n_walkers, d) coordinates; those of samplers that store no steps are left
-    out.
+    Each are (n_steps, n_walkers, d) coordinates; none of samplers that store no steps.
     """
     made: list[emcee.EnsembleSampler] = []
     begin = emcee.EnsembleSampler.__init__

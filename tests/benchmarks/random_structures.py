@@ -4,8 +4,7 @@ Shear buildings of 2 to 12 storeys and frames in space (two directions and rotat
 eccentric masses); stiffnesses and masses scattered by 20 %; damping 0.5 to 5 %; some of the degrees
 of freedom measured; noise 0.2 to 20 %; 5 to 60 minutes; loads on all floors, or the ground's motion
 seen by absolute accelerations; bands that cut through the spectrum. A mode is clear where the exact
-spectral matrix, sensors' noise included, has a peak of its first singular value that stands out by
-6 dB.
+spectral matrix, noise included, has a peak of its first singular value that stands out by 6 dB.
 """
 
 from __future__ import annotations

@@ -140,8 +140,7 @@ def test_finite_element_models_in_words():
 def test_every_draw_has_the_pairing_of_its_own():
     """A light pendulum's mode is below the building's in some draws, and above it in others.
 
-    In all of them the building's mode has its frequency of 1 Hz, to the pendulum's share of the
-    mass of 1e-4, and its shape.
+    In all of them the building's mode has its frequency of 1 Hz, to a share of 1e-4, and its shape.
     """
     frequency = bs.Parameter("frequency", bs.LogUniform(0.3, 3.0))
     building = bs.ShearBuilding((1.0,), ((2.0 * np.pi) ** 2,))

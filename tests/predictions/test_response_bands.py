@@ -189,8 +189,7 @@ def test_the_top_moves_along_with_the_ground(predicted, monkeypatch):
 def test_default_frequencies_meet_every_peak(predicted):
     actual = default_frequencies(predicted.data, 0.02)
     assert (actual[0], actual[-1]) == predicted.data.band_hz
-    # The amplification of an oscillator at the first frequency, between its neighbours, within
-    # 0.2 % of 1/(2ζ).
+    # An oscillator's amplification at the first frequency, between its neighbours: 1/(2ζ) ± 0.2 %.
     lowest = predicted.data.modes[0].frequency_hz
     nearest = actual[np.abs(actual - lowest).argmin()] + 0.5 * (actual[1] - actual[0])
     ratio = nearest / lowest

@@ -157,8 +157,7 @@ def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_
     pendulum = bs.ModelClass("pendulum", two, data, ERROR, pairing={"1": 1, "2": 2})
     even, far = weighted([spurious, pendulum], (1.0, 0.1))
     failed = [text for text in even.failed_checks if "differ in" in text]
-    # Odds of 1/2 with half as many spurious modes expected; p_D, from 0.95 to 0.90 or 0.975, moves
-    # them by 5 %.
+    # Odds of 1/2 with half the spurious modes; p_D, from 0.95 to 0.90 or 0.975, moves them by 5 %.
     assert len(failed) == 1
     assert "with half as many spurious modes, the probability of" in failed[0]
     before, after = map(float, re.search(r"goes from (\S+) to (\S+)", failed[0]).groups())

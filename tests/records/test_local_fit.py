@@ -240,8 +240,7 @@ def test_the_prior_of_forces_that_evidence_takes_integrates_to_one(m):
     """By quadrature over the 2r - 1 directions of each mode's force across i φ, r = 2.
 
     Along i φ its size s is uniform in logarithm over LOG_RANGE_OF_FORCES: what is left is the
-    product of 1 / (s · range). The trapezoidal rule is exact for normal densities to 1e-8 at steps
-    of 0.9 standard deviations.
+    product of 1 / (s · range). Trapezoids are exact for normal densities to 1e-8 at 0.9 sd.
     """
     rng = np.random.default_rng(8)
     turns = np.array([0.4, 1.3])[:m]

@@ -50,8 +50,7 @@ def test_the_page_is_whole_and_needs_nothing_else(reported, page):
             assert address[1:] in page.ids
     text = reported.read_text(encoding="utf-8")
     assert 'data-tip="one k: log evidence' in text
-    # Evidences; identified modes and frequencies; shapes of two classes, and the joint densities of
-    # the first.
+    # Evidences; identified modes and frequencies; shapes of two classes, joint densities of one.
     assert text.count("<figure ") == 6
     assert "http://www.w3.org" in text  # names of XML, which nothing fetches
     assert not re.findall(r"(?:src|@import|url\()\s*=?\s*[\"']?https?:", text)
