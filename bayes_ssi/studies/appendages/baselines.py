@@ -94,10 +94,10 @@ def hypothesis(
     if not places:
         return changed
     mass = (scale or scale_of(baseline, present_in)).mass
-    mass_prior = options.prior_of_mass_ratio(mass)
     elements = []
     motions = [each for each in places if isinstance(each, FurtherMotion)]
     for place in appendages_among(places):
+        mass_prior = options.prior_of_mass_ratio(mass, place.heaviest)
         vibrating = mass * Parameter(mass_name(place), mass_prior)
         element: Any = place.element(vibrating, Parameter(frequency_name(place), prior, unit="Hz"))
         if (share := place.in_model) != 0.0:

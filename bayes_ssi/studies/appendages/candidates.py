@@ -58,11 +58,16 @@ class SearchSettings(SearchLimits):
             object.__setattr__(self, "mass", (lightest, heaviest))
         self._require_priors("mass_ratio", "frequency", optional=("frequency",))
 
-    def prior_of_mass_ratio(self, scale: float) -> Prior:
-        """The prior of the vibrating mass over ``scale``, a mass in the structure's unit."""
-        if self.mass is None:
-            return self.mass_ratio
-        return LogUniform(self.mass[0] / scale, self.mass[1] / scale)
+    def prior_of_mass_ratio(self, scale: float, heaviest: float | None = None) -> Prior:
+        """The prior of the vibrating mass over ``scale``, a mass in the structure's unit.
+
+        A log-uniform one ends at ``heaviest``, a mass, too.
+        """
+        ends = self.mass and (self.mass[0] / scale, self.mass[1] / scale)
+        prior = LogUniform(*ends) if ends else self.mass_ratio
+        if heaviest and isinstance(prior, LogUniform) and prior.lower * scale < heaviest:
+            return LogUniform(prior.lower, min(prior.upper, heaviest / scale))
+        return prior
 
 
 # What a search takes for seen.
@@ -72,6 +77,7 @@ VISIBLE_SHARE = 0.05
 # A place moves in a mode by this share of what the sensors do; less, and an appendage of a
 # tenth of the modal mass moves its frequencies apart by less than 0.3 %.
 LEAST_PART = 0.01
+MOST_LEAVING = 0.999  # share of a place's mass that may leave it; what is left is not zero
 
 
 def are_observed(
@@ -232,6 +238,7 @@ class AppendagePlace(FeaturePlace, ABC):
     # where there is less than an appendage may have, else inferred (None).
     in_model: float | None = field(default=0.0, compare=False)
     given_as: str = field(default="", compare=False)  # label of that element
+    heaviest: float | None = field(default=None, compare=False)  # that can leave its place
 
     word: ClassVar[str]
 
@@ -375,9 +382,10 @@ def with_masses_in_model(
     masses = iter(structure.place_masses([end for own in ends for end in own]).tolist())
     known = []
     for place, own in zip(places, ends, strict=True):
-        least = len(place.candidate.ends) * min(next(masses) for _ in own)
+        least = MOST_LEAVING * len(place.candidate.ends) * min(next(masses) for _ in own)
         if (element := given.get(frozenset(place.candidate.ends))) is not None:
-            known.append(replace(place, in_model=1.0, given_as=element.stands_for))
+            label, most = element.stands_for, least or None
+            known.append(replace(place, in_model=1.0, given_as=label, heaviest=most))
         else:
             known.append(place if least < heaviest else replace(place, in_model=None))
     return tuple(known)
