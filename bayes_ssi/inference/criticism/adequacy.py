@@ -125,8 +125,7 @@ class Adequacy:
     # Mistakes without which the class would explain the data, or explain them far better, where
     # they were sought.
     hints: tuple[Hint, ...] = ()
-    # The prediction error of frequencies that is inferred, median over the draws; None where it is
-    # given, or expected to be large.
+    # The inferred prediction error of frequencies, median of the draws; None if given or large.
     frequency_error: float | None = None
 
     @property

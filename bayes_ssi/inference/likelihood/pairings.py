@@ -51,9 +51,7 @@ class PairingWeights:
     log_gains: FloatArray = field(default_factory=lambda: np.zeros((1, 0, 0, 0)))
 
     def given(self, j: int, numbers: NDArray[np.intp] | int = -1) -> "PairingWeights":
-        """These weights without identified mode ``j`` and the model mode (B,) that it is; -1 if
-        none.
-        """
+        """These weights without identified mode ``j`` and its model mode (B,); -1 if none."""
         log_ratios, gains = self.log_ratios.copy(), self.log_gains.copy()
         for i, gain in enumerate(gains.swapaxes(0, 1)):
             # The other of two modes that turn together is weighed given the one.

@@ -58,8 +58,7 @@ def looks_at(hypotheses: Sequence[ToScreen], seed: int, run: Run) -> dict[int, S
 
     The greatest log-likelihood, which the evidence may reach, takes the log evidence's place.
 
-    Others are not on finite-element models in a small basis, or the likelihood is zero wherever
-    they were looked at.
+    Others are not on finite-element models in a small basis, or of likelihood zero in all draws.
     """
     some = [
         i
@@ -119,8 +118,7 @@ def screen_best(
 
     Args:
         weights: prior weights.
-        log_mass_of_fewer: log of prior weights times evidences, summed over the hypotheses with
-            fewer features.
+        log_mass_of_fewer: log of the sum of weights times evidences of those with fewer features.
         quick: the quick effort.
         most_full: number of hypotheses that begin with the full effort, or go on to it.
     """
