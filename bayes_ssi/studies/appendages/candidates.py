@@ -383,9 +383,9 @@ def with_masses_in_model(
     known = []
     for place, own in zip(places, ends, strict=True):
         least = MOST_LEAVING * len(place.candidate.ends) * min(next(masses) for _ in own)
-        if (element := given.get(frozenset(place.candidate.ends))) is not None:
-            label, most = element.stands_for, least or None
-            known.append(replace(place, in_model=1.0, given_as=label, heaviest=most))
-        else:
-            known.append(place if least < heaviest else replace(place, in_model=None))
+        element = given.get(frozenset(place.candidate.ends))
+        if element is not None or least >= heaviest:
+            label, share = (element.stands_for, 1.0) if element else ("", None)
+            place = replace(place, in_model=share, given_as=label, heaviest=least or None)
+        known.append(place)
     return tuple(known)
