@@ -78,6 +78,13 @@ def test_the_component_of_a_sheet_is_nearly_the_posterior(rng):
     assert abs(estimate.log_evidence - exact_evidence()) < 4.0 * estimate.error < 0.1
 
 
+def test_a_ridge_bends_to_its_own_side(rng):
+    """By a third power, which is not the same on both sides."""
+    target = Target(lambda z: norm.logpdf(z[:, 1] - 0.2 * z[:, 0] ** 3, 0.0, WIDTH), 2)
+    ridges = along_ridges(target, find_maxima(target, np.zeros((1, 2))), rng)
+    assert ImportanceSampler(target, rng).sample(ridges).efficiency > 0.5
+
+
 def test_without_thin_or_wide_directions_there_is_no_ridge(rng):
     for width in (0.01, 3.0):
         target = Target(lambda z, width=width: -0.5 * ((z / width) ** 2).sum(1), 3)
