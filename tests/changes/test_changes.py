@@ -419,15 +419,29 @@ def test_simulated_tests_share_the_errors_that_the_class_says():
     assert np.diff(shapes, axis=1).std() == pytest.approx(of_shapes, rel=0.1)
 
 
-def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
-    """As 60 more tests of that loss say: 0.9 ± 0.04, and ± 0.05 for the scatter of the smallest."""
+def one_storey():
+    """Two equal tests of one frequency."""
     building = bs.ShearBuilding((1.0,), [K * bs.Parameter("k1", PRIOR)])
     data = exact_modes(building, (), (0.0, 9.0), frequency_cov=0.002).without_shapes()
     both = [bs.Configuration(name, building, data, pairing={"1": 1}) for name in "ab"]
     error = bs.ErrorModel(0.01, between_tests=0.9)
-    tests = bs.ModelClass("building", error=error, configurations=both)
-    losses = bs.ChangeSettings(losses_only=True)
-    family = choose_changes(bs.Study("s", [tests]), ["a"], ["b"], losses)
+    return bs.ModelClass("building", error=error, configurations=both)
+
+
+LOSSES = bs.ChangeSettings(losses_only=True)
+
+
+def test_the_smallest_visible_loss_is_said_where_nothing_changed():
+    result = bs.changes(one_storey(), ["a"], ["b"], LOSSES, settings=COARSE)
+    smallest = result.record.place("k1").smallest_visible
+    assert 0.01 < smallest < 0.2
+    said = f"would have shown with probability 0.9 are {100.0 * smallest:.2g} % in k1;"
+    assert said in " ".join(result.summary().split())
+
+
+def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
+    """As 60 more tests of that loss say: 0.9 ± 0.04, and ± 0.05 for the scatter of the smallest."""
+    family = choose_changes(bs.Study("s", [one_storey()]), ["a"], ["b"], LOSSES)
     family.features["building"] = family.features["building"][:1]
     hypotheses, _ = screened_hypotheses(family, 0, bs.Run(), most_full=0)
     (nothing,) = [each for key, each in hypotheses.items() if not key.features]
