@@ -59,8 +59,8 @@ class SpaceFrame(RigidFloors):
     each a number, a Parameter or a number times a Parameter.
 
     Raises:
-        ValueError: lengths differ, lines do not ascend or are fewer than two, or a quantity can be
-            zero or negative.
+        ValueError: lengths differ, lines are not in ascending order or fewer than two, or a
+            quantity can be zero or negative.
         TypeError: one of them is neither a number nor a Parameter.
     """
 

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from importlib.resources import files
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report import page_content as texts
 from bayes_ssi.report.page_content import interval, percent
-from bayes_ssi.report.report_figures import embedded_file
+from bayes_ssi.report.report_figures import _of_most_interest, embedded_file
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.studies.ranking.comparison import Check
@@ -281,3 +282,13 @@ def test_tables_are_sorted_classes_fold_and_cut_tables_are_marked():
     assert states == [[True, False], [True, True], [True, False]]
     # A pixel is rounding.
     assert cut == [False, False, True]
+
+
+def test_parameters_of_features_come_before_those_of_baselines():
+    """Six of eight in a figure: both of the feature, then the four least spread, in their order."""
+    names = ("a", "b", "mass", "c", "d", "e", "f", "frequency")
+    spreads = (0.1, 0.2, 0.9, 0.3, 0.4, 0.5, 0.6, 0.8)
+    posterior = SimpleNamespace(parameter_names=names, relative_spreads=spreads)
+    search = SimpleNamespace(averaged_parameters=[SimpleNamespace(name=one) for one in "abcdef"])
+    assert _of_most_interest(posterior, search) == ["a", "b", "mass", "c", "d", "frequency"]
+    assert _of_most_interest(posterior, None) == ["a", "b", "c", "d", "e", "f"]

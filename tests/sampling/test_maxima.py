@@ -7,7 +7,7 @@ import pytest
 from targets import peaks
 
 from bayes_ssi.inference.sampling.ascents import ascend
-from bayes_ssi.inference.sampling.maxima import find_maxima
+from bayes_ssi.inference.sampling.maxima import find_maxima, first_ascent
 from bayes_ssi.inference.sampling.target import Target, log_standard_normal
 
 PEAKS = np.array([[2.0, 0.0], [-2.0, 0.5], [0.0, 2.5], [0.5, -2.5]])
@@ -105,6 +105,17 @@ def test_maxima_at_the_edges_of_stripes_are_not_one(starts):
 def test_no_start_is_possible(starts):
     with pytest.raises(ValueError, match="the likelihood is zero at every start"):
         find_maxima(Target(lambda z: np.full(len(z), -np.inf), 2), starts)
+
+
+def test_an_ascent_ends_where_a_step_gains_less_than_is_asked():
+    """Of a quartic, whose steps gain less and less."""
+    heights, evaluations = [], []
+    for least_rise in (1e-3, 1.0):
+        target = Target(lambda z: -5.0 * ((z - 3.0) ** 4).sum(1), 3)
+        heights.append(first_ascent(target, np.zeros((1, 3)), least_rise)[1][0])
+        evaluations.append(target.n_evaluations)
+    assert evaluations[1] < evaluations[0]
+    assert heights[0] - 5.0 < heights[1] < heights[0]
 
 
 def test_an_ascent_that_creeps_up_to_an_edge_ends(monkeypatch):

@@ -125,7 +125,7 @@ class Adequacy:
     # Mistakes without which the class would explain the data, or explain them far better, where
     # they were sought.
     hints: tuple[Hint, ...] = ()
-    # The inferred prediction error of frequencies, median of the draws; None if given or large.
+    # Inferred prediction error of frequencies, median draw; None if given or expected large.
     frequency_error: float | None = None
 
     @property

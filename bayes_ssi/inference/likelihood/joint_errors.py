@@ -190,7 +190,7 @@ class JointErrors:
     # (S,), of identification errors of a component, the mean over its directions.
     single_var: FloatArray
     dimensions: FloatArray  # (S,), directions in which each shape can err
-    # Groups of all shapes, those of one mode in one; none where no test repeats another's error.
+    # Groups of shapes, one of a mode in all tests; none where no test repeats another's error.
     repeated: Sequence[Sequence[int]] = ()
 
     @classmethod

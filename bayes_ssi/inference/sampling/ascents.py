@@ -33,7 +33,7 @@ def ascend(
     """All ascents by BFGS with finite differences: end points and their log posteriors.
 
     ``inverse`` (S, k, k) are the first inverse Hessians, along the orthonormal ``axes`` (k, d) that
-    ascents keep to; those of the coordinates if None. Steps below ``least_rise`` end them.
+    ascents keep to; those of the coordinates if None. Gains below ``least_rise`` end them.
     """
     ascents = _Ascents(target, starts, inverse, axes, least_rise)
     while len(ascents.active):

@@ -115,7 +115,7 @@ def explain(
         if is_first and not is_driven:
             one_source = _is_one_source(parts)
         bands = _all_explained(parts, one_source, possible, fixed)
-        # Where one does not explain the spectra, the other may, as when more modes were tried.
+        # Where one does not explain the spectra, the other may, now that more modes are tried.
         if not is_driven and _n_doubtful(bands):
             otherwise = _all_explained(parts, not one_source, possible, fixed)
             if _n_doubtful(otherwise) < _n_doubtful(bands):

@@ -37,7 +37,7 @@ from bayes_ssi.studies.search.family import Family
 
 Feature = AppendagePlace | FurtherMotion
 # A place has mass enough for an appendage to have been in it: no less than this share of the prior
-# of its mass. One that is heavier than the place is refused, as its mass matrix is.
+# of its mass. The prior then ends at what the place has.
 HEAVIEST = 0.9
 LEAST_IN_BAND = 0.01  # share of the prior of an appendage's frequency
 
@@ -97,7 +97,7 @@ def hypothesis(
     elements = []
     motions = [each for each in places if isinstance(each, FurtherMotion)]
     for place in appendages_among(places):
-        mass_prior = options.prior_of_mass_ratio(mass, place.heaviest)
+        mass_prior = options.prior_of_mass_ratio(mass, place.available)
         vibrating = mass * Parameter(mass_name(place), mass_prior)
         element: Any = place.element(vibrating, Parameter(frequency_name(place), prior, unit="Hz"))
         if (share := place.in_model) != 0.0:

@@ -58,15 +58,15 @@ class SearchSettings(SearchLimits):
             object.__setattr__(self, "mass", (lightest, heaviest))
         self._require_priors("mass_ratio", "frequency", optional=("frequency",))
 
-    def prior_of_mass_ratio(self, scale: float, heaviest: float | None = None) -> Prior:
+    def prior_of_mass_ratio(self, scale: float, available: float | None = None) -> Prior:
         """The prior of the vibrating mass over ``scale``, a mass in the structure's unit.
 
-        A log-uniform one ends at ``heaviest``, a mass, too.
+        A log-uniform one ends at the mass that is ``available`` at the place, if not before.
         """
         ends = self.mass and (self.mass[0] / scale, self.mass[1] / scale)
         prior = LogUniform(*ends) if ends else self.mass_ratio
-        if heaviest and isinstance(prior, LogUniform) and prior.lower * scale < heaviest:
-            return LogUniform(prior.lower, min(prior.upper, heaviest / scale))
+        if available and isinstance(prior, LogUniform) and prior.lower * scale < available:
+            return LogUniform(prior.lower, min(prior.upper, available / scale))
         return prior
 
 
@@ -238,7 +238,7 @@ class AppendagePlace(FeaturePlace, ABC):
     # where there is less than an appendage may have, else inferred (None).
     in_model: float | None = field(default=0.0, compare=False)
     given_as: str = field(default="", compare=False)  # label of that element
-    heaviest: float | None = field(default=None, compare=False)  # that can leave its place
+    available: float | None = field(default=None, compare=False)  # mass that can leave its place
 
     word: ClassVar[str]
 
@@ -386,6 +386,6 @@ def with_masses_in_model(
         element = given.get(frozenset(place.candidate.ends))
         if element is not None or least >= heaviest:
             label, share = (element.stands_for, 1.0) if element else ("", None)
-            place = replace(place, in_model=share, given_as=label, heaviest=least or None)
+            place = replace(place, in_model=share, given_as=label, available=least or None)
         known.append(place)
     return tuple(known)
