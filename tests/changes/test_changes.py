@@ -60,6 +60,38 @@ SAME = identified()
 TWO = model_class(a=SAME, b=SAME)
 
 
+def test_changes_of_a_reduced_model_are_those_of_the_whole():
+    """A chain of twelve masses in three groups of springs, the second 20 % softer afterwards."""
+    springs, floors = np.eye(12) - np.eye(12, k=-1), tuple(f"floor {i}" for i in range(1, 13))
+    groups = springs.T.reshape(12, 3, 4).swapaxes(0, 1) * 4.0 * np.sqrt(K)
+    terms = [(bs.Parameter(name, PRIOR), g @ g.T) for name, g in zip(NAMES, groups, strict=True)]
+    sensors = floors[3::4]
+    whole = bs.MatrixStructure(terms, np.eye(12), up_to_hz=3.0, sensors=sensors, labels=floors)
+    sizes = {"frequency_cov": 0.002, "shape_sd": 0.01}
+    tests = {
+        name: exact_modes(whole, sensors, (0.0, 3.0), 3, (1.0, k2, 1.0), **sizes)
+        for name, k2 in (("before", 1.0), ("after", 0.8))
+    }
+    pairing = {"1": 1, "2": 2, "3": 3}
+    one = bs.ChangeSettings(number_weights=(1.0, 1.0), losses_only=True)
+    answers = []
+    for structure in (whole, whole.reduced()):
+        made = [bs.Configuration(*test, pairing=pairing) for test in
+                ((name, structure, data) for name, data in tests.items())]  # fmt: skip
+        chain = bs.ModelClass("chain", error=ERROR, configurations=made)
+        answers.append(
+            bs.changes(chain, ["before"], ["after"], one, settings=COARSE, visible=False).record
+        )
+    of_whole, of_reduced = (
+        {row.name: row.log_evidence for row in record.hypotheses} for record in answers
+    )
+    assert max(of_whole, key=of_whole.get) == "k2"
+    assert of_reduced == pytest.approx(of_whole, abs=0.05)
+    of_whole, of_reduced = (record.place("k2").amounts["loss, k2"] for record in answers)
+    assert of_reduced == pytest.approx(of_whole, abs=0.002)
+    assert of_reduced[0] < 0.2 < of_reduced[2]
+
+
 @pytest.fixture(scope="module")
 def of_second_storey():
     """Storey 2 lost 30 % of its stiffness."""

@@ -170,13 +170,6 @@ class Changes(Family[KindOfChange]):
 
     # Reduced structures: all tests of one structure share a basis, which reaches as far as losses.
 
-    @property
-    def most_sampled(self) -> int | None:
-        most = super().most_sampled
-        if self.options.most_sampled is None and any(map(is_approximate, self.classes)):
-            return (most or 0) // 2  # each takes full solutions of two tests
-        return most
-
     @cached_property
     def reaching(self) -> dict[str, ModelClass]:
         """Name of a baseline → the same, accurate over the prior, also of losses.
