@@ -53,9 +53,8 @@ def changes(
 
     Hypotheses (nothing changed; the stiffness of one place is a share less after than before; a
     mass or an appendage came or went; something else; then two of these) are built on the study's
-    model classes. Both tests share the errors of the model. Says
-    the probability of a change, of each place, the size with its interval, and the smallest loss
-    that the tests would have shown.
+    model classes. Both tests share the errors of the model. Says the probability of a change, of
+    each place, the size with its interval, and the smallest loss that the tests would have shown.
     """
     from bayes_ssi.parameters.priors import Uniform
     from bayes_ssi.studies.changes.change_search import change_findings

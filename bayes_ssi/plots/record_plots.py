@@ -72,7 +72,6 @@ def plot_whitened_residuals(identified: ModalIdentification, ax: Axes | None = N
 
     Squared deviations from the unit matrix, over their number: 1 on average where the fit is right.
     """
-
     ax = _axes(ax)
     parts = [band.fit.residuals() for band in identified.bands if band.is_wanted]
     n_near = max(1, sum(len(left) for _, left in parts) // 40)

@@ -93,7 +93,8 @@ def test_the_mac_matrix_is_written_out():
 @pytest.fixture(scope="module")
 def identified():
     sensors, rng = ("floor 1", "floor 2", "floor 3"), np.random.default_rng(0)
-    record = simulated_record(with_infill(), sensors, rng, duration_s=300.0, rate_hz=20.0)
+    building, sizes = with_infill(), {"duration_s": 300.0, "rate_hz": 20.0}
+    record = simulated_record(building, sensors, rng, damping=0.01, **sizes)
     return bs.identify(record, (0.6, 4.6))
 
 

@@ -66,6 +66,15 @@ def all_errors_within_four(data, truth=TRUTH):
     return max(np.abs(frequencies).max(), shapes.max()) < 4.0
 
 
+def test_claimed_errors_are_near_the_least_that_long_records_allow():
+    """The variance of ln f is at least ζ/(2πN) for N periods (Au 2014), of modes alone."""
+    data = identified(0, ground=False).quoted
+    periods = 2.0 * np.pi * data.frequencies_hz * simulated(0, ground=False).duration_s
+    over_least = of_modes(data, "frequency_cov") / np.sqrt(0.02 / periods)
+    assert 1.0 < over_least[0] < 1.3
+    assert 1.0 < over_least[3] < 1.5
+
+
 @pytest.mark.parametrize("ground", [False, True])
 def test_four_modes_with_errors_that_are_right(ground):
     """Four modes, and squares of errors as chi-square has them.

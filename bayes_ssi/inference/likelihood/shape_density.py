@@ -9,9 +9,7 @@ from scipy.special import gammaln
 from bayes_ssi.foundations.arrays import FloatArray
 
 # Normalisers are computed to the accuracy of the numbers that hold them.
-# Standard deviations within which integrals are taken; beyond, the integrand is below e^(-40) of
-# its largest value.
-REACH = 9.0
+REACH = 9.0  # standard deviations of integrals; beyond, less than e^(-40) of the largest integrand
 N_NODES = 64  # of the quadrature
 N_TERMS = 12  # of the series for small errors
 # The last term of the series at the largest error for which it is used.

@@ -24,7 +24,7 @@ from bayes_ssi.measurements.records.explained_band import (
     with_others,
     without_needless,
 )
-from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit
+from bayes_ssi.measurements.records.local_fit import Fitter, LocalFit, allowed_whiteness
 from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.spectra import (
     DAMPING,
@@ -44,15 +44,13 @@ DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 
 # Reach beyond the modes: a share of the frequency, and no fewer bandwidths or lines.
 REACH = 0.12
-LEAST_BANDWIDTHS = 4.0
+LEAST_BANDWIDTHS = 4.0, 6.0, 12.0  # at first, with known modes, and for none but these
 FEWEST_LINES_OF_REACH = 40
-LEAST_BANDWIDTHS_OF_KNOWN_MODES = 6.0  # once the modes of bands are known
 UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
-MOST_SDS_BY_REACH = 2.5  # between two estimates from much the same lines
+MOST_SDS = 2.5  # between two estimates from much the same lines, or with real shapes and phases
 # Times the sum of bandwidths: modes that are closer share a band. It grows with their mean damping
 # over the usual one: what is broad reaches farther than a background follows.
 SHARED_BAND = (1.25, 2.5)
-MOST_SDS_BY_PHASES = 2.5  # between estimates with real shapes and with phases
 # Dampings of candidates may be far off, most of all below a share of the median of all: modes
 # are grouped, and bands made, as for dampings within these.
 DAMPINGS_OF_GROUPS = (0.004, 0.06)
@@ -138,12 +136,19 @@ def explain(
         more = explained(groups, more)[1]
         if more.n_modes > modes.n_modes:
             bands, modes = explained(groups_of(transforms, more, band_hz), more)
-    wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS_OF_KNOWN_MODES)
+    wide = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS[1])
     narrow = groups_of(transforms, modes, band_hz, share=UNEXPLAINED_REACH)
     return [
-        _of_other_reach(transforms, band, narrow if band.doubt else wide, possible, fixed, modes)
+        _of_other_reach(transforms, band, narrow if band.doubt else wide, modes, possible, fixed)
         for band in bands
     ]
+
+
+def widened(transforms: Transforms, bands: Sequence[Explained], band_hz: BandHz) -> list[Explained]:
+    """Bands that reach farther still, where that changes nothing but errors, of modes alone."""
+    modes = modes_of(bands, len(transforms.values))
+    groups = groups_of(transforms, modes, band_hz, LEAST_BANDWIDTHS[2])
+    return [_of_other_reach(transforms, band, groups, modes) for band in bands]
 
 
 def _far(transforms: Transforms, modes: Resonances, poles: Resonances, band: BandHz) -> Resonances:
@@ -160,28 +165,29 @@ def modes_of(bands: Sequence[Explained], n_channels: int) -> Resonances:
 
 
 def _of_other_reach(
-    transforms: Transforms, band: Explained, groups: Sequence[Group], possible: Candidates,
-    fixed: bool, modes: Resonances,
+    transforms: Transforms, band: Explained, groups: Sequence[Group], modes: Resonances,
+    possible: Candidates | None = None, fixed: bool = True,
 ) -> Explained:  # fmt: skip
     """The band with another reach, where that says the same and is explained.
 
     Wider ones have smaller errors; narrower ones leave out what is farther off and unexplained.
     Where a wider one says otherwise, a background may have taken what a broad mode does: explained
-    anew, it is undecided unless it has a mode more, and none that is a flank at its ends.
+    anew, it is undecided unless it has a mode more, and none that is a flank at its ends. Without
+    ``possible`` it is left, also where what a wider one adds is not explained.
     """
     f = band.fit.modes.frequencies_hz
     same = [group for group in groups if np.array_equal(group.modes.frequencies_hz, f)]
     at = spectra_of_group(transforms, same[0], modes) if same and band.is_wanted else None
     if at is None:
         return band
-    start = same[0].modes.in_directions(at)
-    fit = Fitter(at, band.fit.one_source).fit(start, band.fit.has_phases)
+    fit = Fitter(at, band.fit.one_source).fit(same[0].modes.in_directions(at), band.fit.has_phases)
     moves = np.log(np.concatenate(fit.modes[:2]) / np.concatenate(band.fit.modes[:2]))
     sds = np.sqrt(band.fit.covariance.diagonal()[: 2 * len(f)])
-    if (np.abs(moves) < MOST_SDS_BY_REACH * sds).all():
+    if (np.abs(moves) < MOST_SDS * sds).all():
         other = replace(band, fit=fit)
-        return other if fit.are_modes.all() and other.doubt is None else band
-    if band.doubt is not None:
+        is_right = fit.are_modes.all() and other.doubt is None
+        return other if is_right and (possible or _explains_more(other, band.fit)) else band
+    if band.doubt is not None or possible is None:
         return band
     for anew in _all_explained([_Band(same[0], at)], band.fit.one_source, possible, fixed):
         ends_hz = anew.fit.modes.frequencies_hz + np.outer([-1, 1], anew.fit.modes.half_widths_hz)
@@ -191,6 +197,16 @@ def _of_other_reach(
         if anew.excess < 1.0:
             return replace(band, peaks=tuple(p._replace(is_undecided=True) for p in band.peaks))
     return band
+
+
+def _explains_more(band: Explained, narrower: LocalFit) -> bool:
+    """Whether modes alone explain all lines that their band adds to those of a narrower one."""
+    at, left = band.fit.residuals()
+    added = (at < narrower.data.band_hz[0]) | (at > narrower.data.band_hz[1])
+    sizes = np.full(int(added.sum()), band.fit.data.matrices.shape[1])
+    most = allowed_whiteness(band.fit.data.weights[added], sizes, max(1, (sizes**2).sum()))
+    is_alone = len(band.peaks) == band.fit.modes.n_modes
+    return is_alone and bool(added.any()) and float(left[added].mean()) < most
 
 
 def _is_one_source(bands: Sequence[_Band]) -> bool:
@@ -266,7 +282,7 @@ def _with_phases_if_needed(real: LocalFit, turned: LocalFit) -> LocalFit:
     m = real.modes.n_modes
     moves = np.log(np.concatenate(turned.modes[:2]) / np.concatenate(real.modes[:2]))
     variances = [fit.covariance.diagonal()[: 2 * m] for fit in (turned, real)]
-    apart = moves**2 > MOST_SDS_BY_PHASES**2 * (variances[0] - variances[1]).clip(0.0)
+    apart = moves**2 > MOST_SDS**2 * (variances[0] - variances[1]).clip(0.0)
     is_suspect = apart & (np.abs(moves) > np.sqrt(variances[1]))
     return turned if is_suspect.any() and turned.converged and turned.are_modes.all() else real
 
@@ -295,7 +311,7 @@ def groups_of(
     transforms: Transforms,
     modes: Resonances,
     band_hz: BandHz,
-    least_bandwidths: float = LEAST_BANDWIDTHS,
+    least_bandwidths: float = LEAST_BANDWIDTHS[0],
     share: float = 1.0,
 ) -> list[Group]:
     """Modes by band, in ascending order: those in the search, and the next to either side."""

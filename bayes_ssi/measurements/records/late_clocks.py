@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_ssi.foundations.arrays import ComplexArray, FloatArray
-from bayes_ssi.measurements.records.band_search import explain
+from bayes_ssi.measurements.records.band_search import explain, widened
 from bayes_ssi.measurements.records.explained_band import Explained, complex_shapes
 from bayes_ssi.measurements.records.mode_candidates import Candidates
 from bayes_ssi.measurements.records.spectra import BandHz, Transforms
@@ -76,6 +76,7 @@ def explained_on_time(
             seconds[delay.sensor] += delay.seconds
             removed[delay.sensor] = delay._replace(seconds=float(seconds[delay.sensor]))
     doubtful = [delay for delay in delays if not delay.is_sure]
+    bands = widened(on_time, bands, band_hz)
     return OnTime(possible, on_time, bands, seconds, sorted(removed.values()), doubtful)
 
 

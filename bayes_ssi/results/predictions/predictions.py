@@ -124,10 +124,8 @@ class Predictions:
         """Amplitudes of transfer functions, draws (n, n_places, n_frequencies).
 
         Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.transfer_functions`; messages name the
-        class.
+        :func:`~bayes_ssi.structures.response.transfer_functions`, which name the class.
         """
-
         return self._responses(
             lambda structure, values: np.abs(
                 transfer_functions(
@@ -140,8 +138,7 @@ class Predictions:
     def time_histories(self, motion: GroundMotion, output: Output, damping: Damping) -> Prediction:
         """Time histories, draws (n, n_places, n_samples).
 
-        Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.time_histories`.
+        Arguments, units and errors are as in :func:`~bayes_ssi.structures.response.time_histories`.
         """
         return self._responses(
             lambda structure, values: time_histories(structure, values, motion, output, damping)

@@ -71,8 +71,7 @@ class SearchSettings(SearchLimits):
 
 
 # What a search takes for seen.
-# A mode moves the sensors by at least this share of the one that moves them most, at unit modal
-# mass.
+# A mode moves the sensors by this share, or more, of the one that does most, at unit modal mass.
 VISIBLE_SHARE = 0.05
 # A place moves in a mode by this share of what the sensors do; less, and an appendage of a
 # tenth of the modal mass moves its frequencies apart by less than 0.3 %.
