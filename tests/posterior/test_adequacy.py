@@ -288,6 +288,14 @@ def test_a_mistake_that_inferred_errors_and_pairings_absorb(model_classes):
     assert f". Likely cause: {words}" in misfit
 
 
+def test_exchanged_channels_that_free_errors_absorb():
+    """With large errors the repaired data of the laboratory frame have a maximum, too."""
+    free = kept_study("four_storey_frame").only(["each storey, free errors"]).model_classes[0]
+    ranking = bs.rank(bs.Study("absorbed", [with_data(free, exchanged)]), settings=ROUGH)
+    words = "Likely cause: channels 'floor 2' and 'floor 1' seem to be exchanged (gain "
+    assert words in ranking.comparison.best.misfit
+
+
 @pytest.mark.parametrize(("median", "fails"), [(0.03, True), (0.08, False)])
 def test_an_inferred_error_beyond_five_per_cent_is_a_model_that_does_not_fit(median, fails):
     """Frequencies off by ± 9 % of those of two equal storeys; unless such errors are expected."""

@@ -232,10 +232,7 @@ def diagnose(
     def convincing(repairs: Sequence[Repair]) -> list[Hint]:
         scored = [(each, _log_posteriors(each, points)) for each in repairs]
         scored.sort(key=lambda item: -float(item[1].max()))
-        hints = [
-            _fitted(repair, points, int(log_posteriors.argmax()), best, workers)
-            for repair, log_posteriors in scored[:FITTED]
-        ]
+        hints = [_fitted(repair, points, own, best, workers) for repair, own in scored[:FITTED]]
         return [hint for hint in hints if hint.gain > least_gain and not hint.misfit.is_small]
 
     hints = [hint for kind in kinds for hint in convincing(kind)]
@@ -348,13 +345,16 @@ def _log_posteriors(repair: Repair, points: _Points) -> FloatArray:
 
 
 def _fitted(
-    repair: Repair, points: _Points, start: int, best: float, workers: Workers | None
+    repair: Repair, points: _Points, at_points: FloatArray, best: float, workers: Workers | None
 ) -> Hint:
-    """The hint that a repair gives once its class is fitted from one of the points."""
-    changed = repair.model_class
-    z = points.of(changed)[[start]]
+    """The hint that a repair gives, its class fitted from the best point and from the prior's."""
+    # Errors that a mistake made large have a maximum of their own.
+    changed, of_prior = repair.model_class, at_points[-PRIOR_POINTS:]
+    starts = [int(at_points.argmax()), int(of_prior.argmax()) - len(of_prior)]
+    z = points.of(changed)[starts]
     target = Target(changed.log_likelihood_at, z.shape[1], workers)
-    z, log_posteriors = ascend(target, z, np.eye(z.shape[1])[None])
+    z, ends = ascend(target, z, np.array([np.eye(z.shape[1])] * len(starts)))
+    z, log_posteriors = z[[ends.argmax()]], ends.max(keepdims=True)
     values = changed.values(z)
     gain = float(log_posteriors[0]) + repair.log_scale - best
     # The approximation may be coarse there; without any gain it is no hint in either case.
