@@ -16,7 +16,7 @@ from simulated_records import FRAME, simulated_record, truth_of, with_infill
 import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES, Peak
 from bayes_ssi.measurements.records import explained_band
-from bayes_ssi.measurements.records.band_search import explain
+from bayes_ssi.measurements.records.band_search import _explains_more, explain
 from bayes_ssi.measurements.records.explained_band import ExplainedPeak
 from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.modal_identification import (
@@ -73,6 +73,20 @@ def test_claimed_errors_are_near_the_least_that_long_records_allow():
     over_least = of_modes(data, "frequency_cov") / np.sqrt(0.02 / periods)
     assert 1.0 < over_least[0] < 1.3
     assert 1.0 < over_least[3] < 1.5
+
+
+@pytest.mark.parametrize(
+    ("added", "least_hz", "n_peaks", "explains"),
+    [(1.8, 1.0, 1, True), (1.9, 1.0, 1, False), (1.0, -1.0, 1, False), (1.0, 1.0, 0, False)],
+)
+def test_what_a_wider_band_must_explain(added, least_hz, n_peaks, explains):
+    """Ten blocks of 20 transforms in two directions: 1.1 and three times √(9.8/160) are allowed."""
+    at = np.linspace(0.0, 1.9, 20)
+    data = SimpleNamespace(weights=np.full(20, 20.0), matrices=np.zeros((20, 2, 2)))
+    left = np.where(at < least_hz, added, 9.0)
+    fit = SimpleNamespace(data=data, residuals=lambda: (at, left), modes=SimpleNamespace(n_modes=1))
+    narrower = SimpleNamespace(data=SimpleNamespace(band_hz=(least_hz, 2.0)))
+    assert _explains_more(SimpleNamespace(fit=fit, peaks=[()] * n_peaks), narrower) == explains
 
 
 @pytest.mark.parametrize("ground", [False, True])

@@ -44,7 +44,7 @@ DAMPING_OF_SPIKES = 0.01  # below: perhaps of a spike of a wider resonance
 
 # Reach beyond the modes: a share of the frequency, and no fewer bandwidths or lines.
 REACH = 0.12
-LEAST_BANDWIDTHS = 4.0, 6.0, 12.0  # at first, with known modes, and for none but these
+LEAST_BANDWIDTHS = 4.0, 6.0, 12.0  # at first, once modes are known, and in the end
 FEWEST_LINES_OF_REACH = 40
 UNEXPLAINED_REACH = 0.6  # share to which a band is cut that is not explained
 MOST_SDS = 2.5  # between two estimates from much the same lines, or with real shapes and phases

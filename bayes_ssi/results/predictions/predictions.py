@@ -124,7 +124,7 @@ class Predictions:
         """Amplitudes of transfer functions, draws (n, n_places, n_frequencies).
 
         Arguments, units and errors are as in
-        :func:`~bayes_ssi.structures.response.transfer_functions`, which name the class.
+        :func:`~bayes_ssi.structures.response.transfer_functions`; errors name the class.
         """
         return self._responses(
             lambda structure, values: np.abs(
