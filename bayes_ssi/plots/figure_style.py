@@ -233,7 +233,7 @@ def legend_of_figure(figure: Any, axes: Iterable[Axes], columns: int = 3) -> Non
 def _labelled(axes: Iterable[Axes]) -> dict[str, Any]:
     """What is drawn by its name; matplotlib itself leaves out names that begin with a "_"."""
     drawn: Iterable[Any] = [
-        artist for ax in axes for artist in (*ax.containers, *ax.lines, *ax.collections)
+        each for ax in axes for each in (*ax.containers, *ax.lines, *ax.patches, *ax.collections)
     ]
     labelled = {str(artist.get_label() or "_nolegend_"): artist for artist in drawn}
     own = ("_child", "_container", "_nolegend_")

@@ -14,7 +14,7 @@ from bayes_ssi.results.search_answer import further_sentences, search_sentences,
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.studies.changes.change_search import change_record, without_influence
 from bayes_ssi.studies.changes.changes_family import choose_changes, moved_alike, risen
-from bayes_ssi.studies.changes.kinds_of_change import ChangePlace, element_places
+from bayes_ssi.studies.changes.kinds_of_change import AppearedAppendage, ChangePlace, element_places
 from bayes_ssi.studies.changes.visible_loss import (
     log_bayes_factor,
     simulated_tests,
@@ -449,6 +449,20 @@ def test_simulated_tests_share_the_errors_that_the_class_says():
     assert np.diff(logs, axis=1).std() == pytest.approx(apart, rel=0.1)
     of_shapes = np.sqrt(2.0 * (0.04 * 0.1**2 + 0.01**2))
     assert np.diff(shapes, axis=1).std() == pytest.approx(of_shapes, rel=0.1)
+    exact = np.sin(np.arange(1.0, 4.0) * np.pi / 7.0)  # at its median
+    mean = np.abs(np.mean(shapes, axis=(0, 1)))
+    np.testing.assert_allclose(mean, exact / np.linalg.norm(exact), atol=4.0 * 0.1 / 20.0)
+
+
+def test_the_mode_of_an_appendage_takes_its_place_among_those_of_the_model():
+    """Modes near 1, 2, 3 and 4 Hz, of which the third was not identified."""
+    chain = bs.MatrixStructure(np.diag(K * np.arange(1.0, 5.0) ** 2), np.eye(4), n_modes=4)
+    hz = {"1": 1.0, "2": 2.0, "new": 2.5, "4": 4.0}
+    after = bs.ModalData([bs.IdentifiedMode(*each) for each in hz.items()], (0.0, 9.0))
+    pairing = {"1": 1, "2": 2, "4": 4}
+    test = bs.Configuration("after", chain, after, pairing=pairing)
+    came = AppearedAppendage("tank", ("1",), mode="new")
+    assert came.pairing_in(test, pairing, [test]) == {"1": 1, "2": 2, "4": 5, "new": 3}
 
 
 def one_storey():

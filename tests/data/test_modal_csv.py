@@ -185,8 +185,9 @@ def test_a_workbook(tmp_path):
 def test_files_of_modes_and_records_are_told_apart(tmp_path):
     path = tmp_path / "a.csv"
     for text in (*TABLES.values(), HEAD, "Frequency,a\n", '"Mode" "Frequency [Hz]"\n1 1.5\n'):
-        path.write_text(text)
-        assert not is_record(path)
+        for encoding in ("utf-8", "utf-16"):
+            path.write_text(text, encoding)
+            assert not is_record(path)
     for text in ("t (s),a\n0,1\n", "Sampling frequency (Hz): 20\nNo,a\n1,2\n", "Mode,a\n1,2\n"):
         path.write_text(text)
         assert is_record(path)

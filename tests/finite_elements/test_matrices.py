@@ -39,6 +39,7 @@ class TestModes:
         structure = bs.MatrixStructure([(2.0 * k1, parts), (k2**2, K3 - parts)], np.eye(3),
                                        n_modes=3)  # fmt: skip
         assert [p.name for p in structure.parameters] == ["k1", "k2"]
+        assert structure.description()["stiffness"] == "k1 · K1 + k2**2 · K2"
         values = np.array([[1.3, 0.7]])
         expected, vectors = np.linalg.eigh(2.6 * parts + 0.49 * (K3 - parts))
         frequencies, shapes = structure.modes(values)

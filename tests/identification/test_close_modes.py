@@ -232,6 +232,18 @@ def test_which_of_three_turn_does_not_change_where_distances_of_the_model_cross(
     assert set(close.lower.tolist()) == {1}  # b and c, as identified
 
 
+def test_the_weight_of_a_pair_is_the_largest_where_shapes_are_those_of_the_model():
+    """Of two so far apart that nothing turns."""
+    error, values = bs.ErrorModel(0.01, 0.03), np.array([[0.3]])
+    candidate = bs.ModelClass("pair", Pair(), turned_data(0.0, 0.3), error, pairing="any")
+    (likelihood,) = candidate.likelihoods
+    variances = likelihood.prediction_var(values)
+    close = ClosePairs(np.array([0]), np.array([0]), values[0], variances)
+    most = likelihood._most_log_weights(close, likelihood.modes(values).frequencies_hz)
+    weights = likelihood.pairing_weights(values).log_ratios[0]
+    np.testing.assert_allclose(np.diag(most[0]), np.diag(weights), rtol=1e-12)
+
+
 @pytest.mark.parametrize("pairing", [{"a": 1, "b": 2}, "any"])
 def test_a_turned_pair_is_shown_as_it_turns_and_is_no_misfit(pairing):
     data = turned_data(30.0, 0.003)

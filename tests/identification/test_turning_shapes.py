@@ -108,6 +108,15 @@ def test_no_exponent_is_above_the_highest_ones_and_one_shape_reaches_it():
         assert found == pytest.approx(highest, rel=1e-3, abs=0.02)
 
 
+def test_a_shape_is_unseen_at_the_one_turn_at_which_both_cancel():
+    """Of two alike, that is at -45 degrees: (cos t + sin t)² = 1 + sin 2t."""
+    one = np.ones((3, 1, 1))
+    shapes = TurningShapes.of(one, one, one / math.sqrt(3.0), one, np.array([[1e-4]]))
+    doubled = np.array([[-0.5 * math.pi], [0.5 * math.pi], [0.0]])
+    unseen = shapes.are_unseen(np.cos(doubled), np.sin(doubled))
+    assert unseen[:, 0].tolist() == [True, False, False]
+
+
 def test_the_turn_is_not_one_at_which_no_sensor_sees_the_mode():
     """The two modes are nearly opposite at the sensors: at atan(1/8.6) they cancel one another.
 

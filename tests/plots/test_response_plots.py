@@ -1,5 +1,6 @@
 """Figures of responses and of identifications: what is drawn where, and with which words."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -99,7 +100,10 @@ def identified():
 
 
 def test_spectra_and_poles_have_the_modes_with_their_90_percent_widths(identified):
-    for ax in (plot_singular_values(identified), plot_stabilisation(identified)):
+    identified = replace(identified, not_identified=((1.5, ""), (1.6, "")))
+    values = plot_singular_values(identified)
+    assert [line.get_label() for line in values.lines].count("peak not identified") == 1
+    for ax in (values, plot_stabilisation(identified)):
         widths = [patch.get_width() for patch in ax.patches]
         modes = identified.quoted.modes
         expected = [2 * 1.645 * mode.frequency_cov * mode.frequency_hz for mode in modes]

@@ -3,7 +3,7 @@
 import math
 import re
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +16,7 @@ from simulated_records import FRAME, simulated_record, truth_of, with_infill
 import bayes_ssi as bs
 from bayes_ssi.measurements.modes.identification_summary import METHOD_NAMES, Peak
 from bayes_ssi.measurements.records import explained_band
-from bayes_ssi.measurements.records.band_search import _explains_more, explain
+from bayes_ssi.measurements.records.band_search import _explains_more, _largest_move, explain
 from bayes_ssi.measurements.records.explained_band import ExplainedPeak
 from bayes_ssi.measurements.records.local_fit import Fitter
 from bayes_ssi.measurements.records.modal_identification import (
@@ -87,6 +87,16 @@ def test_what_a_wider_band_must_explain(added, least_hz, n_peaks, explains):
     fit = SimpleNamespace(data=data, residuals=lambda: (at, left), modes=SimpleNamespace(n_modes=1))
     narrower = SimpleNamespace(data=SimpleNamespace(band_hz=(least_hz, 2.0)))
     assert _explains_more(SimpleNamespace(fit=fit, peaks=[()] * n_peaks), narrower) == explains
+
+
+def test_moves_between_bands_are_in_their_errors():
+    """A damping moves by 10 % with an error of 4 %, and a frequency by 0.2 % with one of 1 %."""
+    before = SimpleNamespace(
+        modes=Resonances(np.array([2.0]), np.array([0.02]), np.ones((1, 1))),
+        covariance=np.diag([0.01, 0.04, 9.0]) ** 2,
+    )
+    modes = before.modes._replace(frequencies_hz=[2.004], dampings=[0.022])
+    assert _largest_move(SimpleNamespace(modes=modes), before) == pytest.approx(np.log(1.1) / 0.04)
 
 
 @pytest.mark.parametrize("ground", [False, True])
@@ -305,6 +315,23 @@ def with_broad_modes():
     return bs.Record(samples, 8.0, ("a", "b", "c"), "acceleration", "g")
 
 
+@pytest.mark.parametrize(
+    ("hz", "shapes"),
+    [([2.0, 3.1], [[1.0, 0.0], [0.5, 0.0], [0.0, 1.0]]),
+     ([2.0, 2.012], [[0.6, 0.8], [0.8, -0.6], [0.3, 0.5]])],
+    ids=["in two directions", "close"],
+)  # fmt: skip
+def test_a_sensor_with_a_peak_is_not_noise_alone_though_no_other_follows_it(hz, shapes):
+    rng, true_hz, shapes = np.random.default_rng(0), np.array(hz), np.array(shapes)
+    damped = partial(spectra_of, true_hz, (shapes, shapes), np.full(2, 0.004))
+    samples = stationary(damped, 18_000, 20.0, rng)
+    samples += 0.02 * samples.std() * rng.standard_normal(samples.shape)
+    found = bs.identify(bs.Record(samples, 20.0, tuple("abc"), "acceleration", "g"), (1.5, 4.0))
+    assert not found.left_out
+    off = np.log(found.quoted.frequencies_hz / true_hz) / of_modes(found.quoted, "frequency_cov")
+    assert np.abs(off).max() < 4.0
+
+
 def test_broad_modes_are_not_left_to_the_background_of_a_narrow_band():
     """A narrow band shows one of them."""
     found = bs.identify(with_broad_modes(), (0.45, 2.0))
@@ -384,6 +411,9 @@ def test_simple_methods_find_the_modes(method):
     assert cosines.min() ** 2 > 0.99
     with pytest.raises(ValueError, match=r"the record lasts 30 s; from 0\.6 Hz on"):
         method(simulated(3, duration_s=30.0), BAND, near=TRUTH)
+    twins = TRUTH._replace(frequencies_hz=TRUTH.frequencies_hz[[0, 0, 1]])
+    with pytest.raises(ValueError, match=r"two of the modes at .* Hz have one peak"):
+        method(simulated(3), BAND, near=twins)
 
 
 def test_methods_are_compared_and_one_of_them_is_used():

@@ -8,10 +8,10 @@ from simulated_records import FRAME, simulated_record, truth_of
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records import band_search
-from bayes_ssi.measurements.records.explained_band import OneOrTwo
+from bayes_ssi.measurements.records.explained_band import OneOrTwo, share_a_peak
 from bayes_ssi.measurements.records.local_fit import allowed_whiteness
 from bayes_ssi.measurements.records.mode_candidates import candidates
-from bayes_ssi.measurements.records.spectra import transforms_of
+from bayes_ssi.measurements.records.spectra import Resonances, Spectra, noise_scales, transforms_of
 
 
 def white_record(rng, n_samples=600, rate=10.0):
@@ -47,6 +47,19 @@ def test_a_masked_record_has_the_same_density_and_less_information():
     assert half.weights.sum() == pytest.approx(0.5 * whole.weights.sum())
     mean = half.weights @ half.matrices[:, 0, 0].real / half.weights.sum()
     assert mean == pytest.approx(0.1, abs=4 * 0.1 / np.sqrt(half.weights.sum()))
+
+
+def test_the_noise_of_a_channel_is_what_no_other_explains():
+    """1 - c² of its power, with a coherence c; n over the number of few lines is added to 1."""
+
+    def scales(coherence, n_lines):
+        matrix = np.array([[[4.0, 2.0 * coherence], [2.0 * coherence, 1.0]]])
+        return noise_scales(Spectra(np.ones(1), np.ones(1), np.array([n_lines]), matrix))
+
+    np.testing.assert_allclose(scales(0.6, 100.0), [1.6, 0.8])
+    diagonal = 1.0 + 2.0 / 3.9
+    share = (diagonal - 0.99**2 / diagonal) ** 0.5
+    np.testing.assert_allclose(scales(0.99, 3.9), [2.0 * share, share])
 
 
 def test_velocities_and_displacements_become_accelerations():
@@ -122,6 +135,15 @@ def test_peaks_have_the_poles_of_their_modes():
     np.testing.assert_allclose(middle, truth.frequencies_hz, rtol=0.5 * damping)
     np.testing.assert_allclose(np.median(dampings, axis=0)[1:], damping, rtol=0.25)
     assert (np.median(macs, axis=0) > 0.99).all()
+
+
+@pytest.mark.parametrize(("apart_hz", "they_do"), [(0.29, True), (0.31, False)])
+def test_two_modes_share_a_peak_where_both_have_a_tenth_of_their_power(apart_hz, they_do):
+    """Three half widths from it, a resonance has 1 / (1 + 3²) of its power: of 0.04 and 0.06 Hz."""
+    frequencies_hz = np.array([2.0, 2.0 + apart_hz])
+    modes = Resonances(frequencies_hz, np.array([0.04, 0.06]) / frequencies_hz, np.ones((1, 2)))
+    assert share_a_peak(modes, 0) == they_do
+    assert not share_a_peak(modes, 1)
 
 
 def test_a_pair_takes_the_place_of_its_mode_among_those_of_the_band(monkeypatch):

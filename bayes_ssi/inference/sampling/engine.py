@@ -58,6 +58,8 @@ from bayes_ssi.inference.sampling.target import Target
 # Walkers of one ensemble; the two per dimension that emcee's moves need if that is more. Of
 # longer chains, not of more, R-hat falls.
 WALKERS = 16
+# Of the ensembles' steps, proposed from the mixture; the better it is, the less is left to others.
+LEAST_SHARE, MOST_SHARE = 0.7, 0.95
 # Most refits of the mixture; they end earlier where a refit raises the efficiency of importance
 # draws by less than this factor.
 MOST_REFITS = 6
@@ -206,7 +208,7 @@ class _Sampling:
         if self._serves(trial):
             first, regions = self._importance(trial, compressions)
             halves, added = first.split(2, self.rng), [first]
-            share = self._share(first)
+            share = min(LEAST_SHARE + first.efficiency, MOST_SHARE)
             propose = partial(self.sampler.as_proposals, share=share, added=added)
             ensembles, statistics = run(proposals=[propose(half) for half in halves])
             importance, unused = joined_samples(added), halves[0]
@@ -280,8 +282,8 @@ class _Sampling:
         Draws that lost a region leave its component too little weight.
         """
         mixture = trial.mixture.reweighted(trial.z, trial.weights).with_prior_component()
-        share, log_density = self._share(trial), self.target.log_density
-        return [drawn_anew(mixture, share, log_density, rng) for rng in rngs]
+        share = min(LEAST_SHARE + trial.efficiency, MOST_SHARE)
+        return [drawn_anew(mixture, share, self.target.log_density, rng) for rng in rngs]
 
     def _is_doubted(self, sample: ImportanceSample, ensembles: Sequence[Ensemble]) -> bool:
         """Whether chains went where no importance draw is, or the weights have a heavy tail.
@@ -292,14 +294,6 @@ class _Sampling:
         allowed = SHARE_ERROR * self.settings.log_evidence_error
         missed = sample.share_beyond(ensembles) > max(allowed, float(sample.weights.max()))
         return missed or sample.pareto_k > PARETO_K_LIMIT
-
-    @staticmethod
-    def _share(sample: ImportanceSample) -> float:
-        """Of the ensembles' steps, how many propose from the mixture.
-
-        The better the mixture, the less is left for other moves to do.
-        """
-        return min(0.7 + sample.efficiency, 0.95)
 
     def _serves(self, sample: ImportanceSample) -> bool:
         """Whether importance draws can take the place of long chains.

@@ -76,7 +76,8 @@ def holds_modes(path: Path) -> bool:
     """Whether one of the first lines of a text, or of a workbook, names columns of modes."""
     is_book = path.suffix.lower() in WORKBOOKS
     text = read_columns(path)[0] if is_book else first_bytes(path).decode("utf-8", errors="ignore")
-    cells = {cell.strip(' "\r\ufeff') for cell in re.split('[,;\t\n"]', text[:8192].lower())}
+    text = text[:8192].replace("\0", "").lower()  # which UTF-16 has beside letters
+    cells = {cell.strip(' "\r\ufeff') for cell in re.split('[,;\t\n"]', text)}
     return "label" in cells or has_frequencies(cells) or any(map(UNSTATED.fullmatch, cells))
 
 

@@ -181,9 +181,7 @@ def _of_other_reach(
     if at is None:
         return band
     fit = Fitter(at, band.fit.one_source).fit(same[0].modes.in_directions(at), band.fit.has_phases)
-    moves = np.log(np.concatenate(fit.modes[:2]) / np.concatenate(band.fit.modes[:2]))
-    sds = np.sqrt(band.fit.covariance.diagonal()[: 2 * len(f)])
-    if (np.abs(moves) < MOST_SDS * sds).all():
+    if _largest_move(fit, band.fit) < MOST_SDS:
         other = replace(band, fit=fit)
         is_right = fit.are_modes.all() and other.doubt is None
         return other if is_right and (possible or _explains_more(other, band.fit)) else band
@@ -197,6 +195,12 @@ def _of_other_reach(
         if anew.excess < 1.0:
             return replace(band, peaks=tuple(p._replace(is_undecided=True) for p in band.peaks))
     return band
+
+
+def _largest_move(fit: LocalFit, before: LocalFit) -> float:
+    """Of frequencies and dampings, in standard deviations of those before."""
+    moves = np.log(np.concatenate(fit.modes[:2]) / np.concatenate(before.modes[:2]))
+    return float((np.abs(moves) / np.sqrt(before.covariance.diagonal()[: len(moves)])).max())
 
 
 def _explains_more(band: Explained, narrower: LocalFit) -> bool:

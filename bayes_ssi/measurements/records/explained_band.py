@@ -349,7 +349,7 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> OneOrTwo:
     order = np.argsort(best.modes.frequencies_hz)
     if (np.diff(order) < 0).any():
         best = fitter.fit(best.modes.at(order), fit.has_phases)
-    nearest = np.sort(_two_nearest(best.modes, frequency)).tolist()
+    nearest = np.sort(np.abs(best.modes.frequencies_hz - frequency).argsort()[:2]).tolist()
     nats = best.log_evidence - fit.log_evidence + _nats_of_place(best, nearest) - NATS_OF_A_PAIR
     if best.converged and (fit.converged or nats > SURE_NATS):
         return OneOrTwo(nats, best)
@@ -399,7 +399,7 @@ def _is_a_pair(two: LocalFit, frequency: float, damping: float) -> bool:
     """Whether the two modes nearest to one that they replace are modes, at its peak, and apart."""
     if not two.are_modes.all():
         return False
-    nearest = _two_nearest(two.modes, frequency)
+    nearest = np.abs(two.modes.frequencies_hz - frequency).argsort()[:2]
     f, half = two.modes.frequencies_hz[nearest], two.modes.half_widths_hz[nearest]
     if (np.abs(f - frequency) > PAIR_REACH * max(half.max(), damping * frequency)).any():
         return False
@@ -414,7 +414,3 @@ def _are_one(fit: LocalFit, i: int, j: int) -> bool:
     f, half, shapes = fit.modes.frequencies_hz, fit.modes.half_widths_hz, fit.modes.shapes
     alike = fit.one_source or abs(np.vdot(shapes[:, i], shapes[:, j])) ** 2 > SAME_SHAPE_MAC
     return bool(alike and abs(f[i] - f[j]) < LEAST_SEPARATION * (half[i] + half[j]))
-
-
-def _two_nearest(modes: Resonances, frequency: float) -> np.ndarray:
-    return np.argsort(np.abs(modes.frequencies_hz - frequency))[:2]

@@ -128,4 +128,7 @@ def _peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: FloatArra
     """Lines at which an indicator (F,) is highest, within a few lines of some frequencies."""
     lines = np.abs(frequencies_hz[:, None] - near).argmin(0)
     far = np.abs(np.arange(len(indicator))[:, None] - lines) > LINES_AROUND
-    return sorted(np.where(far, -np.inf, indicator[:, None]).argmax(0).tolist())
+    peaks = sorted(np.where(far, -np.inf, indicator[:, None]).argmax(0).tolist())
+    if len(set(peaks)) < len(peaks):
+        raise ValueError(f"two of the modes at {frequencies_hz[lines].round(2)} Hz have one peak")
+    return peaks

@@ -32,6 +32,7 @@ NOISE_ALONE = "noise alone, coherent with no other sensor at any frequency; is i
 WINDOWS = 40  # in which coherence is judged
 LONGEST_WINDOW = 4096  # samples
 RECORDS_PER_COHERENT_NOISE = 1e3  # in one of which noise is coherent by chance
+SMOOTHED_LINES, PEAK_DB = 5, 6.0  # a sensor's own peak, which noise alone has not
 NAMED_LINES = 3  # of machines
 WINDOW_PERIODS = 8.0  # of the lowest frequency, of windows that may not be stationary
 FEWEST_WINDOWS = 20
@@ -307,7 +308,13 @@ def faults_of(
 
 
 def _incoherent(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]) -> list[int]:
-    """Rows of samples that share no motion of a band with any other row."""
+    """Rows of samples without a peak in a band that share no motion of it with any other row.
+
+    Modes in one direction move no sensor in the other, and two close ones may move two sensors
+    alike in power and by chance in phase.
+    """
+    from scipy.signal import find_peaks
+
     n, n_samples = samples.shape
     length = min(2 * n_samples // (WINDOWS + 1), LONGEST_WINDOW)
     if n < 2 or length < WINDOWS:
@@ -320,14 +327,17 @@ def _incoherent(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float
     lines = np.fft.rfft(windows)[:, :, inside[inside > 1]].transpose(2, 0, 1)  # (lines, n, windows)
     if not len(lines):
         return []
-    tiny = np.finfo(float).tiny
-    lines /= np.sqrt(np.maximum((np.abs(lines) ** 2).sum(2, keepdims=True), tiny))
+    powers = np.maximum((np.abs(lines) ** 2).sum(2), np.finfo(float).tiny)
+    lines /= np.sqrt(powers)[:, :, None]
     coherence = np.abs(lines @ lines.conj().swapaxes(1, 2)) ** 2
     coherence[:, range(n), range(n)] = 0.0
     # Of noise it exceeds c with probability (1 - c)^(m - 1), m windows; half of them overlap.
     one_in = RECORDS_PER_COHERENT_NOISE * n * len(lines)
     limit = 1.0 - one_in ** (-1.0 / (0.75 * WINDOWS - 1.0))
-    return np.flatnonzero(coherence.max((0, 2)) < limit).tolist()
+    noise = np.flatnonzero(coherence.max((0, 2)) < limit).tolist()
+    mean = np.full(SMOOTHED_LINES, 1.0 / SMOOTHED_LINES)
+    levels = {i: 10.0 * np.log10(np.convolve(powers[:, i], mean, "valid")) for i in noise}
+    return [i for i, level in levels.items() if not len(find_peaks(level, prominence=PEAK_DB)[0])]
 
 
 def _copied(row: FloatArray, other: FloatArray) -> str | None:

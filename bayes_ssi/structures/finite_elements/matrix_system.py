@@ -15,10 +15,7 @@ from bayes_ssi.foundations.arrays import FloatArray, steady_digest
 from bayes_ssi.parameters.parameters import Parameter, Product, ProductTable, as_product
 from bayes_ssi.structures.finite_elements.elimination_order import fill_reducing_order
 from bayes_ssi.structures.finite_elements.model_arguments import Matrix, checked_matrix
-from bayes_ssi.structures.finite_elements.sparse_modes import (
-    is_semidefinite,
-    rigid_body_modes,
-)
+from bayes_ssi.structures.finite_elements.sparse_modes import is_semidefinite, rigid_body_modes
 from bayes_ssi.structures.matrix_terms import AddedTerm, AffineArray, CarriedElements
 from bayes_ssi.structures.modal import FreeBody, NoModesError
 

@@ -23,12 +23,7 @@ from bayes_ssi.foundations.summaries import Quantiles, weighted_quantiles
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.workers.run import Run
 from bayes_ssi.parameters.priors import Prior
-from bayes_ssi.studies.appendages.baselines import (
-    Baselines,
-    Feature,
-    MassScale,
-    hypothesis,
-)
+from bayes_ssi.studies.appendages.baselines import Baselines, Feature, MassScale, hypothesis
 from bayes_ssi.studies.appendages.candidates import (
     VISIBLE_SHARE,
     AppendagePlace,
