@@ -10,6 +10,8 @@ from searches import COARSE as OF_FEW
 from searches import exact_modes
 
 import bayes_ssi as bs
+from bayes_ssi.report.tables.layout import MOST_PLACES
+from bayes_ssi.report.tables.search_tables import search_notes
 from bayes_ssi.results.search_answer import further_sentences, search_sentences, search_verdict
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
 from bayes_ssi.studies.changes.change_search import change_record, without_influence
@@ -481,6 +483,9 @@ def test_the_smallest_visible_loss_is_said_where_nothing_changed():
     result = bs.changes(one_storey(), ["a"], ["b"], LOSSES, settings=COARSE)
     smallest = result.record.place("k1").smallest_visible
     assert 0.01 < smallest < 0.2
+    assert result.record.scale == 100.0  # of losses in %
+    many = replace(result.record, places=result.record.places * 20)
+    assert f"{20 - MOST_PLACES} less probable places are in the saved result." in search_notes(many)
     said = f"would have shown with probability 0.9 are {100.0 * smallest:.2g} % in k1;"
     assert said in " ".join(result.summary().split())
 

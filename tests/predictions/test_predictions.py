@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,12 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import bayes_ssi as bs
 from bayes_ssi.inference.posterior.model_at_draws import configuration_modes
 from bayes_ssi.results.predictions.posterior_draws import PosteriorDraws, Prediction, thinned_draws
-from bayes_ssi.results.predictions.predictions import Predictions, StoredPredictions
+from bayes_ssi.results.predictions.predictions import (
+    MOST_PLACES,
+    Predictions,
+    StoredPredictions,
+    shown_places,
+)
 from bayes_ssi.results.stored_result import as_stored
 from bayes_ssi.structures.response import GroundMotion, Output, time_histories, transfer_functions
 
@@ -252,3 +258,12 @@ def test_a_class_that_is_not_the_one_sampled(classes, posteriors):
         thinned_draws(posteriors["one k"], more)
     with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
         thinned_draws(posteriors["one k"], classes["one k"], 0)
+
+
+def test_of_many_places_those_with_sensors_are_shown_or_the_first():
+    names = tuple(map(str, range(MOST_PLACES + 1)))
+    data = SimpleNamespace(sensors=("3", "7", "elsewhere"))
+    many, few = (SimpleNamespace(main_places=some) for some in (names, names[:-1]))
+    assert shown_places(few, data) == names[:-1]
+    assert shown_places(many, data) == ("3", "7")
+    assert shown_places(many, SimpleNamespace(sensors=())) == names[:-1]

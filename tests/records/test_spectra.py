@@ -4,11 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from simulated_records import FRAME, simulated_record, truth_of
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records import band_search
-from bayes_ssi.measurements.records.explained_band import OneOrTwo, share_a_peak
+from bayes_ssi.measurements.records.explained_band import OneOrTwo, _nats_of_place, share_a_peak
 from bayes_ssi.measurements.records.local_fit import allowed_whiteness
 from bayes_ssi.measurements.records.mode_candidates import candidates
 from bayes_ssi.measurements.records.spectra import Resonances, Spectra, noise_scales, transforms_of
@@ -144,6 +145,14 @@ def test_two_modes_share_a_peak_where_both_have_a_tenth_of_their_power(apart_hz,
     modes = Resonances(frequencies_hz, np.array([0.04, 0.06]) / frequencies_hz, np.ones((1, 2)))
     assert share_a_peak(modes, 0) == they_do
     assert not share_a_peak(modes, 1)
+
+
+def test_a_second_mode_is_near_the_first_and_not_anywhere_in_the_band():
+    """A normal density of ln f on one side, over that of anywhere from 1 to 3 Hz."""
+    modes = Resonances(np.array([2.0, 2.1]), np.array([0.02, 0.04]), np.ones((1, 2)))
+    fit = SimpleNamespace(data=SimpleNamespace(band_hz=(1.0, 3.0)), modes=modes)
+    near = 2.0 * norm.pdf(np.log(1.05), scale=2.0 * 2.0 * 0.03)
+    assert _nats_of_place(fit, [0, 1]) == pytest.approx(np.log(near * np.log(3.0)))
 
 
 def test_a_pair_takes_the_place_of_its_mode_among_those_of_the_band(monkeypatch):
