@@ -18,7 +18,11 @@ import bayes_ssi as bs
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report import page_content as texts
 from bayes_ssi.report.page_content import interval, percent
-from bayes_ssi.report.report_figures import _of_most_interest, embedded_file
+from bayes_ssi.report.report_figures import (
+    _drawn_classes,
+    _of_most_interest,
+    embedded_file,
+)
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.studies.ranking.comparison import Check
@@ -292,3 +296,10 @@ def test_parameters_of_features_come_before_those_of_baselines():
     search = SimpleNamespace(averaged_parameters=[SimpleNamespace(name=one) for one in "abcdef"])
     assert _of_most_interest(posterior, search) == ["a", "b", "mass", "c", "d", "frequency"]
     assert _of_most_interest(posterior, None) == ["a", "b", "c", "d", "e", "f"]
+
+
+@pytest.mark.parametrize(("tests", "drawn"), [(("",), ["a", "b"]), (("one", "two"), ["a"])])
+def test_the_runner_up_is_drawn_though_improbable_where_there_is_one_test(tests, drawn):
+    rows = [SimpleNamespace(name=n, probability=n == "a", distinguishable=True) for n in "abc"]
+    stored = SimpleNamespace(tests=tests, comparison=SimpleNamespace(classes=rows))
+    assert list(_drawn_classes(stored)) == [(name, name == "a") for name in drawn]
