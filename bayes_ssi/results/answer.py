@@ -265,8 +265,10 @@ def parameters_in_words(posterior: Posterior, record: ClassRecord) -> list[str]:
         inferred = [p for product in record.error.correlations for p in product.parameters]
         what = "sizes and correlations" if inferred else "sizes"
         sentences.append(f"Inferred {what} of prediction errors: {quantities(rows, record)}.")
-    spreads = {row.name: row.relative_spread for row in posterior.summary}
-    if vague := [name for name, spread in spreads.items() if spread >= UNDETERMINED_SPREAD]:
+    priors = {parameter.name: parameter.prior for parameter in record.parameters}
+    moved = {row.name: abs(priors[row.name].to_normal(row.median)) for row in posterior.summary}
+    wide = [row.name for row in posterior.summary if row.relative_spread >= UNDETERMINED_SPREAD]
+    if vague := [name for name in wide if moved[name] < 1.0]:
         sentences.append(f"The data say next to nothing about {shortened(vague)}.")
     return sentences
 

@@ -284,7 +284,7 @@ def test_a_mistake_that_inferred_errors_and_pairings_absorb(model_classes):
     assert ranking.posteriors[0].adequacy.overall.p_value > INADEQUATE
     words = "channels 'floor 1' and 'floor 2' seem to be exchanged in mode '3' (gain "
     misfit = ranking.comparison.best.misfit
-    assert misfit.startswith("the data are explained far better without a mistake in them: ")
+    assert misfit.startswith("the data are explained far better without a mistake in them. ")
     assert f". Likely cause: {words}" in misfit
 
 
@@ -336,15 +336,17 @@ def test_repairs_are_compared_with_the_maximum_of_the_class_itself(bare):
 def test_the_mode_that_a_large_error_hides_is_named():
     """The farthest frequency, and the least MAC of those that have one."""
     modes = (
-        SimpleNamespace(label="a", frequency_error=0.01, mac=0.97),
-        SimpleNamespace(label="b", frequency_error=-0.03, mac=0.90),
-        SimpleNamespace(label="c", frequency_error=None, mac=None),
+        SimpleNamespace(label="a", frequency_error=0.01, mac=0.97, expected_mac=0.95),
+        SimpleNamespace(label="b", frequency_error=-0.03, mac=0.90, expected_mac=0.95),
+        SimpleNamespace(label="c", frequency_error=None, mac=None, expected_mac=None),
     )
     large = SimpleNamespace(
         name="frequency_cov", value=0.05, prior_median=0.01, prior_sds=2.5, is_error_size=True
     )
     said = _parameter(large, SimpleNamespace(modes=modes))
     assert said.endswith("above (mode 'b' is 3 % off, mode 'b' has MAC 0.90)")
+    modes[1].mac = 0.96
+    assert _parameter(large, SimpleNamespace(modes=modes)).endswith("above (mode 'b' is 3 % off)")
 
 
 def test_two_sided():

@@ -126,6 +126,14 @@ def test_a_result_is_overwritten_on_request_alone(tiny_ranking, directory):
     assert not (directory / "figures").exists()
 
 
+def test_overwriting_spares_what_is_no_part_of_the_result(tiny_ranking, directory):
+    (directory / "report").mkdir()
+    (directory / "note.txt").write_text("weeks of work")
+    with pytest.raises(FileExistsError, match=r"note\.txt would be lost; move what is no part"):
+        save_result(tiny_ranking, directory, overwrite=True)
+    assert (directory / "note.txt").read_text() == "weeks of work"
+
+
 def test_overwriting_spares_a_directory_that_is_no_result(tiny_ranking, tmp_path):
     precious = tmp_path / "measurements" / "test_1.dat"
     precious.parent.mkdir()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.stats import expon, halfnorm
 from targets import STIFFNESS, one_mass, two_bumps
 
 import bayes_ssi as bs
@@ -257,6 +258,24 @@ def test_a_posterior_at_the_edge_of_a_prior_is_reported(end, sign, beyond, per_c
     )
     checks = edge_checks_of(one_mass(prior=bs.Uniform(2.0, 4.0)), z)
     assert checks == ([expected] if reported else [])
+
+
+@pytest.mark.parametrize(
+    ("lower", "end", "density", "said"),
+    [(2.0, "lower", expon, True), (2.0, "upper", expon, True), (2.0, "lower", halfnorm, False),
+     (0.0, "lower", expon, False)],
+    ids=["lower", "upper", "the bound may be the truth", "zero"],
+)  # fmt: skip
+def test_a_posterior_that_falls_from_a_bound_of_its_prior_is_reported(lower, end, density, said):
+    """1 - 1/e of an exponential density is within a standard deviation, 0.45 of half a normal."""
+    z = ndtri(0.02 * density.ppf((np.arange(1000) + 0.5) / 1000))[:, None]
+    prior = bs.Uniform(lower, 4.0)
+    checks = edge_checks_of(one_mass(prior=prior), z if end == "lower" else -z)
+    expected = (
+        f"parameter 'k': 63 % of the posterior lies at the {end} edge of its prior, {prior!r}, "
+        "within one of its own standard deviations"
+    )
+    assert checks == ([expected] if said else [])
 
 
 def test_sampling_reports_the_edge_of_a_prior():

@@ -286,6 +286,7 @@ def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = T
     ``is_given`` says whether the pairing is the analyst's.
     """
     what = "the data are not explained"
+    mistakes = "; ".join(f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
     if adequacy.is_rough and not adequacy.overall.is_small:
         error = _percent(adequacy.frequency_error or 0.0)
         what = (
@@ -293,13 +294,14 @@ def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = T
             f"{_percent(ROUGH)}"
         )
     elif not adequacy.overall.is_small:
-        what, others = "the data are explained far better without a mistake in them", ""
-    mistakes = (f"{hint.mistake} (gain {hint.gain:.0f} nats)" for hint in adequacy.hints)
+        return (
+            f"the data are explained far better without a mistake in them. Likely cause: {mistakes}"
+        )
     channels = "wrong channel order, " if any(m.mac is not None for m in adequacy.modes) else ""
     pairing = "wrong pairing, " if is_given else ""
     usual = f"{channels}wrong units, {pairing}or a structure nobody wrote down"
     sentences = (f"{what}: {'; '.join(misfits_in_words(adequacy))}", others)
-    return ". ".join([*filter(None, sentences), f"Likely cause: {'; '.join(mistakes) or usual}"])
+    return ". ".join([*filter(None, sentences), f"Likely cause: {mistakes or usual}"])
 
 
 def misfit_text(sds: float | None) -> str:
@@ -335,8 +337,8 @@ def _parameter(parameter: ParameterMisfit, adequacy: Adequacy) -> str:
         farthest = max(paired, key=lambda mode: abs(mode.frequency_error or 0.0))
         text += f" (mode {farthest.label!r} is {_percent(farthest.frequency_error or 0.0)} off"
         scored = [mode for mode in paired if mode.mac is not None]
-        if scored:
-            least = min(scored, key=lambda mode: mode.mac or 0.0)
+        least = min(scored, key=lambda mode: mode.mac or 0.0, default=None)
+        if least and (least.mac or 0.0) < (least.expected_mac or 0.0):
             text += f", mode {least.label!r} has MAC {least.mac:.2f}"
         text += ")"
     return text

@@ -55,7 +55,8 @@ def explains(row: RankedClass) -> str:
     """Whether a class explains the data, and its misfit; a dash where that is not known."""
     if row.misfit_sds is None:
         return "-"
-    return f"{'no' if row.misfit_sds > INADEQUATE_SDS else 'yes'} ({row.misfit_text})"
+    explained = row.misfit_sds <= INADEQUATE_SDS and not row.misfit
+    return f"{'yes' if explained else 'no'} ({row.misfit_text})"
 
 
 def evidence_table(posteriors: Sequence[Posterior]) -> Table:

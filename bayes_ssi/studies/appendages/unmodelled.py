@@ -48,7 +48,11 @@ def appendage_checks(ranking: Ranking, run: Run) -> Iterator[Check]:
     """Why the answer may be that of an analyst who misses an appendage, if it may."""
     if words := unmodelled_appendage(ranking, run):
         yield Check("appendage", words)
-    elif hidden := hidden_appendages(ranking, run):
+        return
+    adequacy = _best(ranking)[1].adequacy
+    if adequacy and adequacy.hints:  # a mistake in the data comes first
+        return
+    if hidden := hidden_appendages(ranking, run):
         yield Check("hidden", " ".join(map(str, hidden)), fails=False)
 
 
