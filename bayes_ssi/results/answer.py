@@ -82,8 +82,9 @@ def _warnings(result: StoredResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     yield from data_warnings(comparison.failed_data_checks, accepted)
     if missing := comparison.unmodelled_appendage:
         yield (
-            "The data look as if an appendage split a mode that the most probable class has whole. "
-            "The answer is among wrong structures.",
+            "The data look as if an appendage split a mode that the most probable class has whole: "
+            "the answer may be among wrong structures. A mode identified twice, torsion and a "
+            "machine look alike.",
             (missing,),
         )
     if misfit := comparison.misfit:
@@ -114,7 +115,7 @@ def _commands(result: StoredResult) -> Iterator[str]:
     if file and (comparison.unmodelled_appendage or comparison.hidden_appendage):
         name = comparison.best.name
         several = f" --class {shlex.quote(name)}" if len(comparison.classes) > 1 else ""
-        yield f"bayes-ssi search {shlex.quote(file)}{several}"
+        yield f"To search for appendages:\nbayes-ssi search {shlex.quote(file)}{several}"
 
 
 def _verdict(result: StoredResult) -> str:

@@ -141,13 +141,24 @@ def test_loads_may_be_coloured():
     assert all_errors_within_four(result.quoted)
 
 
+def delayed(record, seconds):
+    lines = np.fft.rfft(record.samples)
+    frequencies = np.fft.rfftfreq(record.n_samples, 1.0 / record.rate_hz)
+    turns = np.exp(-2j * np.pi * np.outer(seconds, frequencies))
+    return changed(record, np.fft.irfft(lines * turns, record.n_samples))
+
+
+def test_a_sensor_that_is_too_late_to_be_set_right_fails_a_check():
+    """By 0.15 s: 54 degrees at the first mode, and more than half a turn at the fourth."""
+    late = delayed(simulated(0, duration_s=400.0), [0.0, 0.15, 0.0])
+    failed = bs.identify(late, BAND, at=TRUTH.frequencies_hz).failed_checks
+    assert any("'floor 2' is out of phase with the others by up to" in check for check in failed)
+
+
 def test_sensors_that_are_late_make_no_pair_and_are_set_right():
     """Delays of 15 and -8 ms: 16 degrees at the fourth mode."""
     record = simulated(0, duration_s=400.0)
-    lines = np.fft.rfft(record.samples)
-    frequencies = np.fft.rfftfreq(record.n_samples, 1.0 / record.rate_hz)
-    turns = np.exp(-2j * np.pi * np.outer([0.015, 0.0, -0.008], frequencies))
-    late = changed(record, np.fft.irfft(lines * turns, record.n_samples))
+    late = delayed(record, [0.015, 0.0, -0.008])
     result = bs.identify(late, BAND, at=TRUTH.frequencies_hz)
     assert all_errors_within_four(result.quoted)
     assert max(peak.probability_of_two or 0.0 for peak in result.peaks) < 0.05

@@ -20,7 +20,11 @@ from bayes_ssi.measurements.modes.identification_summary import (
 )
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.explained_band import Explained, resolution
+from bayes_ssi.measurements.records.explained_band import (
+    Explained,
+    complex_shapes,
+    resolution,
+)
 from bayes_ssi.measurements.records.halves import growth_by_halves, skewed_clocks, with_halves
 from bayes_ssi.measurements.records.late_clocks import SUSPECTED, Delay, OnTime, explained_on_time
 from bayes_ssi.measurements.records.mode_candidates import (
@@ -44,6 +48,7 @@ FEWEST_DAMPINGS = 3  # with which one is compared
 LEAST_DAMPING_OVER_USUAL = 0.2  # the median of the others', among which may be those of a damper:
 LEAST_DAMPING = 0.005  # of structures, but for few
 MOST_DAMPING_OVER_USUAL = 3.0
+MOST_PHASE, LEAST_MOTION = 45.0, 0.1  # degrees, beyond which signs may be wrong; of the largest
 MOST_SHAPE_SD = 0.5  # of a quoted unit shape, which leaves a MAC of 0.8 to be expected
 ESTIMATED = ("frequency_hz", "frequency_cov", "damping", "damping_sd", "shape_sd")
 
@@ -187,7 +192,7 @@ def identify(
         ),
         doubts=(
             *doubts,
-            *_clocks_at_fault(sensors, on_time.doubtful, skewed),
+            *_clocks_at_fault(sensors, on_time, skewed),
             *(doubt for explained, _ in kept if (doubt := explained.doubt)),
             *(f"{peak}" for peak in peaks if peak.is_open),
             *_wandering_lines(quoted, kept, on_time.transforms),
@@ -265,15 +270,35 @@ def _late(sensors: Sequence[str], on_time: OnTime, ground: str) -> Iterable[str]
             "removed"
         )
     for i, *_, probability in on_time.doubtful:
-        if probability <= SUSPECTED and sensors[i] != ground:
+        fails = probability > SUSPECTED or _largest_phase(on_time.bands, i) > MOST_PHASE
+        if not fails and sensors[i] != ground:
             yield f"phases at sensor {sensors[i]!r} are its own, as on a damper, or its clock's"
 
 
+def _largest_phase(bands: Sequence[Explained], sensor: int) -> float:
+    """In degrees from the line of the others, in modes in which it moves; half turns are none."""
+    of_bands = [complex_shapes(each.fit)[1] for each in bands if each.fit.has_phases]
+    if not of_bands:
+        return 0.0
+    shapes = np.concatenate(of_bands, axis=1)
+    moves = np.abs(shapes[sensor]) > LEAST_MOTION * np.abs(shapes).max(axis=0)
+    others = (np.delete(shapes, sensor, axis=0) ** 2).sum(axis=0)
+    phases = 0.5 * np.abs(np.angle(shapes[sensor] ** 2 * others.conj(), deg=True))
+    return float(phases[moves].max(initial=0.0))
+
+
 def _clocks_at_fault(
-    sensors: Sequence[str], doubtful: Sequence[Delay], skewed: Sequence[Delay]
+    sensors: Sequence[str], on_time: OnTime, skewed: Sequence[Delay]
 ) -> Iterable[str]:
-    suspected = (each for each in doubtful if each.probability > SUSPECTED)
-    for i, delay, _, probability in suspected:
+    for i, delay, _, probability in on_time.doubtful:
+        if probability <= SUSPECTED:
+            if (phase := _largest_phase(on_time.bands, i)) > MOST_PHASE:
+                yield (
+                    f"sensor {sensors[i]!r} is out of phase with the others by up to {phase:.0f} "
+                    "degrees, more than by most dampers; its clock or a filter may be the reason, "
+                    "and its components of shapes then wrong"
+                )
+            continue
         yield (
             f"sensor {sensors[i]!r} may be {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'} "
             f"against the others (probability {probability:.2f}), which is not removed, and its "

@@ -81,7 +81,7 @@ def read_columns_of_record(
     if len(table) < 2:
         raise ValueError(f"a record needs two samples or more, got {len(table)}")
     stamps = _stamps_in_seconds(table)
-    sensors, steps_s, places = {}, [], np.arange(len(table))
+    sensors, steps_s, begins_s, places = {}, [], [], np.arange(len(table))
     for j, (name, unit) in _headings(layout, table).items():
         in_s = 1.0 if j in stamps else _unit_of_instants(table, j, name, unit.lower(), rate_hz)
         if in_s is None:
@@ -90,8 +90,15 @@ def read_columns_of_record(
         if table[j].isna().any():
             raise ValueError(f"column {name or 'of times'!r}: an instant is missing in a row")
         step, of_column = instants_of(table[j].to_numpy(), name or "times")
-        steps_s += [in_s * step] if in_s > 0.0 else []
+        if in_s > 0.0:
+            steps_s.append(in_s * step)
+            begins_s.append(in_s * float(table[j].iloc[0]))
         places = max(places, of_column, key=lambda instants: instants[-1])
+    if steps_s and np.ptp(begins_s) > 0.5 * min(steps_s):
+        begins = ", ".join(f"{begin:.6g}" for begin in begins_s)
+        raise ValueError(
+            f"columns of times begin at {begins} s; give all sensors the same instants"
+        )
     if len(sensors) >= len(table):
         raise ValueError(
             f"{len(table)} rows of {len(sensors)} samples; a record has a row for each instant and "
