@@ -167,7 +167,7 @@ def test_gaps_of_blanks_and_of_times_are_said(tmp_path):
         (["Time (fortnights),K1", "1,2", "2,2"], "'fortnights' is no unit of time; choose from s"),
         (["t,K1", "0.1,2", "0.2", "0.3,1"], "line 3: 1 cell, where the rows above have 2"),
         (["t,K1,K2", "0.1,2,", "0.2,3,", "0.3,1,"], "column 'K2' is empty; remove it"),
-        (["t1 (s),a,t2 (s),b", "0,2,0.26,1", "0.02,3,0.28,2", "0.04,1,0.3,2"], "begin at 0, 0.26 s"),
+        (["t1 (s),a,t2 (s),b", "0,2,0.3,1", "0.1,3,0.4,2", "0.2,1,0.5,2"], "begin at 0, 0.3 s"),
         (["t,a,b", "0.1,2,1", ",,", "0.2,3,1"], "column 't': an instant is missing in a row"),
         (["<html><body>", "1,2"], "a web page or XML, not a table"),
         (["0,1,2", "0.1,1,2", "9.1,1,2", "9.2,1,3"], "89 instants are missing beside 4; divide"),
