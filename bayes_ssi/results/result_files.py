@@ -71,7 +71,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 DIGESTS = "digests.json"
 # Directories that commands put beside a result, from which they are made again.
-MADE_OF_RESULTS = ("figures", "report", "predictions", "plan", "updated")
+MADE_OF_RESULTS = {DIGESTS, "figures", "report", "predictions", "plan", "updated"}
 
 
 def write_digests(directory: Path) -> None:
@@ -117,11 +117,7 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
             f"{directory}: holds no result of this package and is not overwritten"
         )
     elif (path / DIGESTS).is_file():
-        own = {
-            *MADE_OF_RESULTS,
-            DIGESTS,
-            *(name.split("/")[0] for name in read_json(path / DIGESTS)),
-        }
+        own = {name.split("/")[0] for name in read_json(path / DIGESTS)} | MADE_OF_RESULTS
         if others := sorted({each.name for each in path.iterdir()} - own):
             lost = f"{', '.join(others)} would be lost"
             raise FileExistsError(f"{directory}: {lost}; move what is no part of the result")

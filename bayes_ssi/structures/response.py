@@ -18,8 +18,7 @@ f is linear,
 
 with φ₁ = (e^z - 1)/z and φ₂ = (e^z - 1 - z)/z². With q for the delay by one sample, s is the output
 of the filter (c₁ + c₀ q)/(1 - E q) on f, c₁ = dt φ₂ and c₀ = dt (φ₁ - φ₂). Numerator and
-denominator times 1 - E* q make it a filter of second order, whose coefficients are real for the
-imaginary part of a multiple of s.
+denominator times 1 - E* q make it one of second order, with real coefficients.
 """
 
 import math

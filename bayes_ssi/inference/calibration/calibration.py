@@ -4,11 +4,8 @@ With r_f = f/f_e - 1 and r_φ = ‖φ - φ_e‖ = √(2(1 - √MAC)) for unit sh
 
     f_ob = √[(Σ r_f² + λ² Σ r_φ²) / (Σ 1 + λ² Σ 1)]        (paper, Eq. 1)
 
-Updating problems often have several minima, even with the same f_ob, so one optimum is not a
-sufficient answer: all minima reached from many starts are listed.
-
-Where the parameters are more than the data determine, the errors of the data drive the others as
-far as a search lets them go. With the prior's pull the fit is the maximum of the posterior density.
+All minima reached from many starts are listed: several may have the same f_ob. With the prior's
+pull the fit is the maximum of the posterior density.
 
 Near a fit the residuals over their standard errors are linear in the standard-normal coordinates
 of the parameters, with Jacobian J. A singular value s of J is a direction's signal over its noise:

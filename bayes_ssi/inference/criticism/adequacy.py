@@ -19,8 +19,6 @@ those of the error sizes, those of the structures' parameters with those of the 
 and these two. Where errors are correlated, each frequency error is taken given those before it, and
 the p-values of shapes are combined by their harmonic mean alone, as are those of the draws, which
 depend on one another.
-
-What a class does not explain, and a likely cause, are said in an engineer's words.
 """
 
 from collections.abc import Iterator, Sequence
@@ -294,9 +292,8 @@ def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = T
             f"{_percent(ROUGH)}"
         )
     elif not adequacy.overall.is_small:
-        return (
-            f"the data are explained far better without a mistake in them. Likely cause: {mistakes}"
-        )
+        what = "the data are explained far better without a mistake in them"
+        return f"{what}. Likely cause: {mistakes}"
     channels = "wrong channel order, " if any(m.mac is not None for m in adequacy.modes) else ""
     pairing = "wrong pairing, " if is_given else ""
     usual = f"{channels}wrong units, {pairing}or a structure nobody wrote down"

@@ -1,24 +1,9 @@
 """Files of identified modes: mostly CSV, with one row per mode, as a spreadsheet saves it.
 
-::
-
-    # source, ambient vibration test of 12 May
-    # band_hz, 0, 6
-    # identification, modes.identification.json
-    label, frequency_hz, frequency_cov, damping, floor 1, floor 2, floor 3
-    1,     0.983,        0.001,         0.012,   0.331,   0.593,   0.734
-    2a,    2.604,        ,              ,        0.674,   0.240,
-
-Rows that start with ``#`` hold a key and its values: ``band_hz`` (lowest and highest frequency of
-the search, required), ``source`` (text), ``failed_check`` (a sentence; there may be several such
-rows), ``identification`` (a file in the same directory); anything else there is a comment, allowed
-above the column names only. The first other row holds the column names: ``frequency_hz`` is
-required, ``label`` (else modes are 1, 2, …), ``frequency_cov``, ``shape_sd``, ``damping`` and
-``damping_sd`` (fractions) are optional, and **every other column is a sensor**, named as the
-structure's degree of freedom. An empty cell is a value not measured. Complex components are written
-``0.3+0.1j`` (or ``i``). Columns are separated by commas, semicolons or tabs, as a first line
-``sep=;`` may say; with semicolons or tabs a decimal comma is understood. A workbook (.xlsx) holds
-the same in its first sheet, and other tables that people keep are understood, too
+The guide's chapter on them has an example. Rows that start with ``#`` hold a key and its values:
+``band_hz``, ``source``, ``failed_check`` (a sentence; there may be several) and
+``identification`` (a file in the same directory); anything else there is a comment, allowed above
+the column names only. Other tables that people keep are understood, too
 (:mod:`bayes_ssi.measurements.modes.table_spellings`).
 
 The JSON file beside it holds ``sensors``, and for m modes at n sensors ``frequencies_hz`` (m),
@@ -75,8 +60,9 @@ def read_modal_data(
     """Read identified modes from a CSV file, or from the data sets 55 of a universal file.
 
     A universal file is recognised by its first line; every node and direction that moves is a
-    sensor, named ``12 x``. The CSV file is described in
-    :mod:`bayes_ssi.measurements.modes.modal_files`.
+    sensor, named ``12 x``. The CSV file has a row for each mode, under names of columns:
+    ``frequency_hz``, which is required, ``label``, ``frequency_cov``, ``shape_sd``, ``damping`` and
+    ``damping_sd``; every other column is a sensor. Cells without a value were not measured.
 
     Args:
         path: the file.

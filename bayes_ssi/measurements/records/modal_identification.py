@@ -20,11 +20,7 @@ from bayes_ssi.measurements.modes.identification_summary import (
 )
 from bayes_ssi.measurements.modes.identified_mode import IdentifiedMode
 from bayes_ssi.measurements.modes.modal_data import ModalData
-from bayes_ssi.measurements.records.explained_band import (
-    Explained,
-    complex_shapes,
-    resolution,
-)
+from bayes_ssi.measurements.records.explained_band import Explained, complex_shapes, resolution
 from bayes_ssi.measurements.records.halves import growth_by_halves, skewed_clocks, with_halves
 from bayes_ssi.measurements.records.late_clocks import SUSPECTED, Delay, OnTime, explained_on_time
 from bayes_ssi.measurements.records.mode_candidates import (
@@ -270,8 +266,7 @@ def _late(sensors: Sequence[str], on_time: OnTime, ground: str) -> Iterable[str]
             "removed"
         )
     for i, *_, probability in on_time.doubtful:
-        fails = probability > SUSPECTED or _largest_phase(on_time.bands, i) > MOST_PHASE
-        if not fails and sensors[i] != ground:
+        if probability <= SUSPECTED and sensors[i] != ground:
             yield f"phases at sensor {sensors[i]!r} are its own, as on a damper, or its clock's"
 
 

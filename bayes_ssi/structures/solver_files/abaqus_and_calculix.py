@@ -16,10 +16,8 @@ displacements and the dependent ones of multiple-point constraints have no rows.
 of elements (C3D8I) are rows of nodes that no deck states; beams, shells and trusses are expanded
 into solids, whose nodes repeat the number of the node that they come from (``.12d``).
 
-Geometry is that of the deck's ``*NODE`` and ``*ELEMENT``. Faces of shell and solid elements are
-given by their first, the corner nodes (Abaqus Elements Guide, "Element library: faces and node
-ordering"; CrunchiX User's Manual, section 6.2). Nodes on the middle of sides follow the corners,
-and are not drawn.
+Faces of a deck's shell and solid elements are given by their first, the corner nodes (Abaqus
+Elements Guide, "Element library: faces and node ordering"; CrunchiX User's Manual, section 6.2).
 """
 
 import re
