@@ -115,6 +115,6 @@ def test_a_clock_of_another_rate_is_said():
     (delay,) = found(skewed)
     assert delay.sensor == 1
     assert delay.seconds == pytest.approx(0.06, abs=3.0 * delay.deviation)
-    (text,) = _clocks_at_fault(names, [], [delay])
+    (text,) = _clocks_at_fault(names, SimpleNamespace(doubtful=[]), [delay])
     assert text.startswith("sensor 'floor 2': its clock runs at another rate; it is later by 0.06")
     assert not found(record.samples)
