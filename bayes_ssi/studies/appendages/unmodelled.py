@@ -46,11 +46,9 @@ MOST_SHOWN = 3  # parameters that a hidden appendage would change
 
 def appendage_checks(ranking: Ranking, run: Run) -> Iterator[Check]:
     """Why the answer may be that of an analyst who misses an appendage, if it may."""
-    adequacy = _best(ranking)[1].adequacy
-    is_mistaken = bool(adequacy and adequacy.hints)  # which comes first
     if words := unmodelled_appendage(ranking, run):
         yield Check("appendage", words)
-    elif not is_mistaken and (hidden := hidden_appendages(ranking, run)):
+    elif hidden := hidden_appendages(ranking, run):
         yield Check("hidden", " ".join(map(str, hidden)), fails=False)
 
 
