@@ -70,7 +70,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 DIGESTS = "digests.json"
-# Directories that commands put beside a result, from which they are made again.
+# Beside the files of a result: what commands make of it, and may make again.
 MADE_OF_RESULTS = {DIGESTS, "figures", "report", "predictions", "plan", "updated"}
 
 
@@ -118,9 +118,9 @@ def require_new(directory: str | Path, *, marker: str, overwrite: bool = False) 
         )
     elif (path / DIGESTS).is_file():
         own = {name.split("/")[0] for name in read_json(path / DIGESTS)} | MADE_OF_RESULTS
-        if others := sorted({each.name for each in path.iterdir()} - own):
-            lost = f"{', '.join(others)} would be lost"
-            raise FileExistsError(f"{directory}: {lost}; move what is no part of the result")
+        found = {each.name for each in path.iterdir() if each.name[0] != "."}  # as file managers do
+        if others := sorted(found - own):
+            raise FileExistsError(f"{directory}: {', '.join(others)} would be lost; move it first")
 
 
 def require_new_files(*paths: Path) -> None:

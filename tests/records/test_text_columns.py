@@ -120,6 +120,15 @@ def test_a_count_is_no_sensor_and_needs_the_rate(tmp_path, first):
     np.testing.assert_array_equal(np.delete(one.samples, [30, 31], axis=1), kept)
 
 
+@pytest.mark.parametrize("first", [dates("%Y-%m-%d %H:%M:%S.%f"), range(1715500000, 1715500003)])
+def test_times_since_an_epoch_may_stand_beside_those_since_the_beginning(tmp_path, first):
+    """Which begin at the first step, not at none."""
+    step = 1.0 if isinstance(first, range) else 1.0 / RATE
+    rows_of_times = [f"{a},{step * k:.2f},{k * k}" for k, a in enumerate(first, 1)]
+    record = bs.read_record(written(tmp_path, "Time (s),Elapsed (s),K1 (g)", *rows_of_times))
+    assert record.rate_hz == pytest.approx(1.0 / step)
+
+
 def test_a_rate_tells_the_unit_of_times(tmp_path):
     path = written(tmp_path, "time,K1,K2,K3", *rows(MS))
     with pytest.raises(ValueError, match=r"'time' advances by 50: .* as in 'time \(ms\)', or give"):

@@ -102,6 +102,12 @@ def test_many_parameters_are_summarised(stored):
     assert "The data say next to nothing about k3, k4, k5 and k6." in text
 
 
+def test_the_data_say_something_where_they_move_a_parameter_as_far_as_its_prior_is_wide(stored):
+    """Medians of 1.5 are 1.4 standard deviations of the priors away."""
+    far = stored(("A", 0.0, 1.5, ""), relative_spreads=(0.95, 0.95))
+    assert "next to nothing" not in " ".join(answer(far).reasons)
+
+
 def test_a_best_class_that_does_not_explain_the_data_comes_first(stored):
     result = stored(("A", 0.0, 1.0, ""), ("B", -9.0, 1.0, ""), failed_checks=("they differ",))
     misfit = "the data are not explained: mode '2': 9 % off. Likely cause: wrong units"

@@ -129,7 +129,8 @@ def test_a_result_is_overwritten_on_request_alone(tiny_ranking, directory):
 def test_overwriting_spares_what_is_no_part_of_the_result(tiny_ranking, directory):
     (directory / "report").mkdir()
     (directory / "note.txt").write_text("weeks of work")
-    with pytest.raises(FileExistsError, match=r"note\.txt would be lost; move what is no part"):
+    (directory / ".DS_Store").touch()
+    with pytest.raises(FileExistsError, match=r"result: note\.txt would be lost; move it first"):
         save_result(tiny_ranking, directory, overwrite=True)
     assert (directory / "note.txt").read_text() == "weeks of work"
 

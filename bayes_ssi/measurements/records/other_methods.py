@@ -130,5 +130,6 @@ def _peaks_of(indicator: FloatArray, frequencies_hz: FloatArray, near: FloatArra
     far = np.abs(np.arange(len(indicator))[:, None] - lines) > LINES_AROUND
     peaks = sorted(np.where(far, -np.inf, indicator[:, None]).argmax(0).tolist())
     if len(set(peaks)) < len(peaks):
-        raise ValueError(f"two of the modes at {frequencies_hz[lines].round(2)} Hz have one peak")
+        named = ", ".join(f"{f:.3f}" for f in near)
+        raise ValueError(f"two of the modes at {named} Hz have one peak")
     return peaks

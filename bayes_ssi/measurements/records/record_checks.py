@@ -32,7 +32,7 @@ NOISE_ALONE = "noise alone, coherent with no other sensor at any frequency; is i
 WINDOWS = 40  # in which coherence is judged
 LONGEST_WINDOW = 4096  # samples
 RECORDS_PER_COHERENT_NOISE = 1e3  # in one of which noise is coherent by chance
-SMOOTHED_LINES, PEAK_DB = 5, 6.0  # a sensor's own peak, which noise alone has not
+SMOOTHED_LINES, OWN_PEAK_DB = 5, 6.0  # a sensor's own peak, which noise alone has not
 NAMED_LINES = 3  # of machines
 WINDOW_PERIODS = 8.0  # of the lowest frequency, of windows that may not be stationary
 FEWEST_WINDOWS = 20
@@ -337,7 +337,9 @@ def _incoherent(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float
     noise = np.flatnonzero(coherence.max((0, 2)) < limit).tolist()
     mean = np.full(SMOOTHED_LINES, 1.0 / SMOOTHED_LINES)
     levels = {i: 10.0 * np.log10(np.convolve(powers[:, i], mean, "valid")) for i in noise}
-    return [i for i, level in levels.items() if not len(find_peaks(level, prominence=PEAK_DB)[0])]
+    return [
+        i for i, level in levels.items() if not len(find_peaks(level, prominence=OWN_PEAK_DB)[0])
+    ]
 
 
 def _copied(row: FloatArray, other: FloatArray) -> str | None:

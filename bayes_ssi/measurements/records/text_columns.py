@@ -90,15 +90,14 @@ def read_columns_of_record(
         if table[j].isna().any():
             raise ValueError(f"column {name or 'of times'!r}: an instant is missing in a row")
         step, of_column = instants_of(table[j].to_numpy(), name or "times")
-        if in_s > 0.0:
-            steps_s.append(in_s * step)
-            begins_s.append(in_s * float(table[j].iloc[0]))
+        steps_s += [in_s * step] if in_s > 0.0 else []
+        begins_s += [in_s * float(table[j].iloc[0])] if in_s > 0.0 and j not in stamps else []
         places = max(places, of_column, key=lambda instants: instants[-1])
-    if steps_s and np.ptp(begins_s) > 0.5 * min(steps_s):
+    # Not from one origin, as of an epoch beside times from the beginning, where they are farther.
+    apart_s, step_s = np.abs(np.subtract.outer(begins_s, begins_s)), min(steps_s, default=0.0)
+    if ((apart_s > 0.5 * step_s) & (apart_s < step_s * len(table))).any():
         begins = ", ".join(f"{begin:.6g}" for begin in begins_s)
-        raise ValueError(
-            f"columns of times begin at {begins} s; give all sensors the same instants"
-        )
+        raise ValueError(f"columns of times begin at {begins} s; give all the same instants")
     if len(sensors) >= len(table):
         raise ValueError(
             f"{len(table)} rows of {len(sensors)} samples; a record has a row for each instant and "
