@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri, gammaincc, gammaln, log_ndtr, logsumexp, ndtri_exp, pdtrc
+from scipy.special import chdtri, gammaincc, gammaln, log_ndtr, logsumexp, ndtr, ndtri_exp, pdtrc
 
 from bayes_ssi.foundations.arrays import BoolArray, FloatArray, IntArray, evenly_spaced_indices
 from bayes_ssi.inference.likelihood.likelihood import ComparedModes, ModalLikelihood
@@ -208,14 +208,14 @@ def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) ->
 
     ``frequencies_hz`` (n, n_modes) are the model's there, all configurations in turn.
     """
-    all_values = model_class.values(z)
     for column, parameter in enumerate(model_class.parameters):
-        x, of_prior = all_values[:, column], parameter.prior
+        below, of_prior = ndtr(z[:, column]), parameter.prior
         for end, beyond in enumerate((z[:, column] < -PRIOR_EDGE, z[:, column] > PRIOR_EDGE)):
             # Of draws that fall from a bound as an exponential, 63 % are so near, and 45 % of half
-            # a normal density. Zero bounds the quantity itself.
-            bound = of_prior.support[end]
-            near = np.abs(x - bound) < x.std() if bound != 0.0 else np.zeros(len(x), dtype=bool)
+            # a normal density, as the prior counts: draws of the prior itself are spread evenly.
+            # Zero bounds the quantity itself.
+            is_bound = 0.0 < abs(of_prior.support[end]) < math.inf
+            near = is_bound & (np.abs(below - end) < below.std())
             share, where = beyond.mean(), "where only one in a thousand prior draws lies"
             if near.mean() > EDGE_SHARE >= share:
                 share, where = near.mean(), "within one of its own standard deviations"
