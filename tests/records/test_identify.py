@@ -201,13 +201,12 @@ def test_a_quake_in_an_ambient_record_is_left_out():
     assert 620.0 < end < 700.0
 
 
-def shaken(seed):
-    """Three quakes of coloured ground motion, and the absolute accelerations of the frame."""
-    rng = np.random.default_rng(seed)
-    n, rate = 12_000, 50.0
+def shaken(seed, n=12_000, starts=(20.0, 90.0, 130.0)):
+    """Quakes of coloured ground motion, and the absolute accelerations of the frame."""
+    rng, rate = np.random.default_rng(seed), 50.0
     times = np.arange(n) / rate
     ground = np.zeros(n)
-    for start in (20.0, 90.0, 130.0):
+    for start in starts:
         after = np.maximum(times - start, 0.0)
         ground += after**2 * np.exp(-after / 2.0) * rng.standard_normal(n)
     at_hz = np.fft.rfftfreq(2 * n, 1.0 / rate)
@@ -236,6 +235,15 @@ def test_quakes_are_used_where_the_motion_of_the_ground_is_measured():
         assert (of_modes(found.quoted, "frequency_cov") < 0.01).all()
         assert len(found.remarks) == (seed != 1)
         assert found.loads == "the motion of sensor 'ground'"
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_dampings_are_right_where_the_ground_moves_early(seed):
+    """2 %; without rest before the record, that of the last mode is 5.7 and 4.4 errors too low."""
+    found = bs.identify(shaken(seed, 6_000, (5.0,)), BAND, ground="ground")
+    off = (of_modes(found, "damping") - 0.02) / of_modes(found, "damping_sd")
+    assert len(off) == 4
+    assert np.abs(off).max() < 3.0
 
 
 def test_a_sensor_on_the_ground_that_drives_nothing_is_one_like_the_others():

@@ -116,12 +116,17 @@ class Transforms(NamedTuple):
         )
 
 
-def transforms_of(record: Record, band_hz: BandHz, mask: FloatArray | None = None) -> Transforms:
-    """The lines of a band; the samples have factors from 0 to 1, ``mask`` (N,), if it is given."""
+def transforms_of(
+    record: Record, band_hz: BandHz, mask: FloatArray | None = None, n_before: int = 0
+) -> Transforms:
+    """The lines of a band; the samples have factors from 0 to 1, ``mask`` (N,), if it is given.
+
+    ``n_before`` samples of rest precede them, so that tapers take little of what begins early.
+    """
     from scipy.fft import rfft
     from scipy.signal import detrend
 
-    n_padded = 2 * (record.n_samples + 1)
+    n_padded = 2 * (n_before + record.n_samples + 1)
     line_hz = record.rate_hz * 2.0 / n_padded
     first = max(1, math.floor(2.0 * band_hz[0] / line_hz))
     last = min(n_padded // 2, math.ceil(2.0 * band_hz[1] / line_hz))
@@ -130,10 +135,12 @@ def transforms_of(record: Record, band_hz: BandHz, mask: FloatArray | None = Non
         straight = detrend(samples)
         if mask is not None:
             straight *= mask
-        row[:] = rfft(straight, n_padded)[first : last + 1]
+        row[:] = rfft(np.pad(straight, (n_before, 0)), n_padded)[first : last + 1]
     omega = np.pi * line_hz * np.arange(first, last + 1)
     values *= omega ** INTEGRATIONS[record.quantity] / math.sqrt(record.rate_hz * n_padded)
-    return Transforms(first, line_hz, 1.0 if mask is None else float((mask**2).mean()), values)
+    share = 1.0 if mask is None else float((mask**2).mean())
+    share *= record.n_samples / (n_before + record.n_samples)
+    return Transforms(first, line_hz, share, values)
 
 
 @cache

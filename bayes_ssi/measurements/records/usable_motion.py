@@ -25,6 +25,7 @@ FEWEST_LINES = 20  # (1 / duration) below which nothing is looked for
 BRIDGED_PERIODS = 0.25  # of the highest frequency, which a straight line replaces
 MOST_BRIDGED = 0.01  # of the instants
 LEAST_USED = 0.3  # of a record with gaps
+REST = 0.25  # of the record, before one whose ground was measured
 GROUND_COHERENCE = 0.5  # median; above it, sensors follow the ground
 GROUND_WIDTH = 0.05  # of the blocks in which coherence with the ground is judged
 
@@ -49,7 +50,9 @@ class UsableMotion:
         if self.pieces is not None:
             mask = self.pieces if mask is None else self.pieces * mask
         part = replace(self.record, samples=self.record.samples[:, instants], gaps=())
-        transforms = transforms_of(part, self.reach_hz, None if mask is None else mask[instants])
+        n_before = int(REST * part.n_samples) if self.ground and not instants.start else 0
+        mask = None if mask is None else mask[instants]
+        transforms = transforms_of(part, self.reach_hz, mask, n_before)
         if not self.ground:
             return transforms
         return transforms.relative_to(self.record.sensors.index(self.ground))
