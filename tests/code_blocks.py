@@ -29,8 +29,7 @@ class Block:
         """The shell's commands, each as a list of words."""
         if self.language not in ("sh", "console"):
             return []
-        joined = self.text.replace("\\\n", " ")
-        lines = [line.partition(" # ")[0] for line in joined.splitlines()]
+        lines = [line.partition(" # ")[0] for line in self.text.replace("\\\n", " ").splitlines()]
         if self.language == "console":
             lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
         return [shlex.split(line) for line in lines if line and not line.startswith(ELSEWHERE)]

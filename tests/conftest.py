@@ -47,8 +47,7 @@ IDENTIFIED = {
 
 def script_of(name):
     """A script of ``runs`` as a module."""
-    path = ROOT / "runs" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, ROOT / "runs" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

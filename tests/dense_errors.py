@@ -53,8 +53,7 @@ class Dense:
                 j, mode = data.labels.index(label), data.mode(label)
                 columns.append(np.eye(m + m * n)[j])
                 self.kinds.append((t, label, i, "frequency", None))
-                residual = modes.frequencies_hz[0, i - 1] / mode.frequency_hz - 1.0
-                self.residuals.append(residual)
+                self.residuals.append(modes.frequencies_hz[0, i - 1] / mode.frequency_hz - 1.0)
                 if mode.scored_shape is None:
                     continue
                 unit, model = np.nan_to_num(mode.unit_shape), self.unit_model(test, modes, label, i)

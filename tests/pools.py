@@ -46,8 +46,7 @@ def workers_of(executor):
 
 def spawning(n, initializer=None, *arguments):
     """Processes of the standard library that begin with a call."""
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(n, context, initializer, arguments)
+    return ProcessPoolExecutor(n, multiprocessing.get_context("spawn"), initializer, arguments)
 
 
 class Death(BaseException):

@@ -109,8 +109,7 @@ def check_solver_files(printed):
 def check_plots_and_arviz(printed):
     assert re.search(r"^k1 ", printed, re.M)
     assert re.search(r"^k2 ", printed, re.M)
-    rows = re.findall(r"^(alike|unlike) .* (-?\d+\.\d+)$", printed, re.M)
-    (first, more), (second, less) = rows
+    (first, more), (second, less) = re.findall(r"^(alike|unlike) .* (-?\d+\.\d+)$", printed, re.M)
     assert (first, second) == ("alike", "unlike"), "as leaving modes out ranks them"
     assert float(more) - float(less) == pytest.approx(1.1, abs=0.3), "log evidences"
 
@@ -134,8 +133,7 @@ CHECKS = {name.removeprefix("check_"): f for name, f in globals().items() if "ch
 )
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
 def test_a_chapter_runs(page, printed):
-    output = printed(page)
-    CHECKS.get(page.stem, bool)(output)
+    CHECKS.get(page.stem, bool)(printed(page))
 
 
 def test_first_steps_print_what_they_show(tmp_path, monkeypatch):
@@ -148,8 +146,7 @@ def test_first_steps_print_what_they_show(tmp_path, monkeypatch):
         printed = " ".join(done.stdout.split())
         if command.startswith("rank"):
             for sentence in ("The most probable of the 2 model classes", "It pairs all 3"):
-                words = re.search(rf"{sentence}.*?\. (?=[A-Z])", printed)[0]
-                assert words in shown
+                assert re.search(rf"{sentence}.*?\. (?=[A-Z])", printed)[0] in shown
             assert re.search(r"k2 = 0\.81", printed)
         elif not command.startswith("check"):
             assert printed in shown
@@ -187,8 +184,7 @@ def test_commands_exist_and_take_these_options(page, monkeypatch):
             assert (ROOT / arguments[0]).is_file(), arguments[0]
         else:
             command = main.get_command(click.Context(main), arguments[0])
-            options = command.make_parser(click.Context(command)).parse_args(list(arguments[1:]))
-            assert options
+            assert command.make_parser(click.Context(command)).parse_args(list(arguments[1:]))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

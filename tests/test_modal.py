@@ -106,8 +106,7 @@ def test_shapes_are_scaled_by_the_main_structure():
 @pytest.mark.parametrize("off", [-1e-15, 0.0, 1e-15])
 def test_the_first_of_equally_large_components_is_positive(off):
     shapes = np.array([[1.0, 0.5, -1.0 + off], [-1.0 + off, -0.5, 1.0]])
-    signs = modal.shape_signs(shapes, np.empty((2, 0)), None)
-    np.testing.assert_array_equal(signs, [1.0, -1.0])
+    np.testing.assert_array_equal(modal.shape_signs(shapes, np.empty((2, 0)), None), [1.0, -1.0])
 
 
 def test_shapes_are_turned_with_their_own_kind():

@@ -53,8 +53,7 @@ def test_every_mode_fits_whatever_the_weight_of_shapes(shape_weight):
 def test_each_storey_needs_its_own_stiffness(posteriors):
     comparison = bs.compare(posteriors, study().prior_weights)
     probability = {row.name: row.probability for row in comparison.classes}
-    own = probability["each storey"] + probability["each storey, free errors"]
-    assert own > 0.999
+    assert probability["each storey"] + probability["each storey, free errors"] > 0.999
     assert comparison.failed_checks == ()
 
 

@@ -49,8 +49,7 @@ def test_the_modes_that_were_identified():
 
 
 def test_the_bare_frame_is_the_same_in_all_classes():
-    structures = {id(c.configurations[0].structure) for c in study().model_classes}
-    assert len(structures) == 1
+    assert len({id(c.configurations[0].structure) for c in study().model_classes}) == 1
     names = [set(c.parameter_names) for c in study().model_classes]
     assert names[0] < names[1] < names[3]
     assert names[3] - names[0] == {"blade mass x", "blade frequency x", "blade mass y",

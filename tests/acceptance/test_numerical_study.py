@@ -168,8 +168,7 @@ def test_the_roof_s_response_lies_in_the_band_of_class_3_and_outside_that_of_1_a
     low, high = band_of(ranking.posterior("1-a"))
     inside = (low < truth) & (truth < high)
     # From the flank of mode 2a on; only where the two curves cross is it inside.
-    beyond = AROUND_MODE_2 > 2.65
-    assert inside[beyond].mean() < 0.1
+    assert inside[AROUND_MODE_2 > 2.65].mean() < 0.1
     at_2b = np.abs(AROUND_MODE_2 - 3.005).argmin()
     assert truth[at_2b] > 2.0 * high[at_2b]
     dip = np.abs(AROUND_MODE_2 - 2.8).argmin()

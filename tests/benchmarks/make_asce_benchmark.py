@@ -122,10 +122,8 @@ def modes(left=None, finer=False, whole=None):
     for i, (way, each) in enumerate(columns(finer).items()):
         stiffness[i::3, i::3] = whole[0] * each if finer else storeys(COLUMNS[way] * whole)
     for face, motion in enumerate(FACES):
-        braces = 2.0 * BRACE * left[:, face] * whole
-        stiffness += np.kron(storeys(braces), np.outer(motion, motion))
-    inertias = np.column_stack([MASSES, MASSES, INERTIAS]).ravel()
-    squares, shapes = eigh(stiffness, np.diag(inertias))
+        stiffness += np.kron(storeys(2.0 * BRACE * left[:, face] * whole), np.outer(motion, motion))
+    squares, shapes = eigh(stiffness, np.diag(np.column_stack([MASSES, MASSES, INERTIAS]).ravel()))
     return np.sqrt(squares) / (2.0 * np.pi), shapes
 
 
@@ -187,8 +185,7 @@ def main():
             f"SIMULATED: IASC-ASCE benchmark, 12 degrees of freedom, {name}, scatter "
             f"{FREQUENCY_ERROR:.1%} and {SHAPE_ERROR:g}, seed {SEED} {i}"
         )
-        rng = np.random.default_rng([SEED, i])
-        data, _ = simulated(braces_left(pattern), rng, source=source)
+        data, _ = simulated(braces_left(pattern), np.random.default_rng([SEED, i]), source=source)
         bs.write_modal_data(data, directory / f"asce_{name.replace(' ', '_')}.csv")
 
 

@@ -106,8 +106,7 @@ def four_regions(seed: int = 0) -> Problem:
     weights, sds = np.array([0.6, 0.25, 0.1, 0.05]), np.array([0.1, 0.2, 0.15, 0.3])
 
     def parts(z: Array) -> Array:
-        x = in_box(z, -5.0, 5.0)
-        squares = ((x[:, None] - centres) ** 2).sum(-1)
+        squares = ((in_box(z, -5.0, 5.0)[:, None] - centres) ** 2).sum(-1)
         return np.log(weights) - 2.0 * np.log(2.0 * math.pi * sds**2) - 0.5 * squares / sds**2
 
     def member(k: int) -> Callable[[Array], Array]:

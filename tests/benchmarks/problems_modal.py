@@ -69,8 +69,7 @@ def razor_ridge(n: int, error: float = 3e-4) -> Problem:
     over_b = np.exp(-0.5 * (b * b).sum(1)) * (step / math.sqrt(2.0 * math.pi)) ** (n - 1)
     known = candidate.identification
     detected = math.log(known.detection_probability) - known.expected_spurious_modes
-    exact = detected + math.log(over_a @ over_b)
-    return as_problem(candidate, exact)
+    return as_problem(candidate, detected + math.log(over_a @ over_b))
 
 
 def two_frequencies() -> bs.ModelClass:
@@ -116,8 +115,7 @@ def any_pairing_of_twelve_degrees_of_freedom(error: float) -> bs.ModelClass:
         masses, ones = (3.2, 2.6, 2.6, 1.8), (1.0,) * 4
         return bs.ShearBuilding3D(masses, ones, *along, (1900.0,) * 4, ((0.05, 0.1),) * 4)
 
-    true = building(0.9, 1.1, 1.1, 1.0)
-    data = exact_modes(true, 6)
+    data = exact_modes(building(0.9, 1.1, 1.1, 1.0), 6)
     return bs.ModelClass(
         f"any pairing, 12 degrees of freedom, {error:.0e}", building(*factors), data,
         bs.ErrorModel(frequency_cov=error, shape_sd=5.0 * error), pairing="any",
@@ -137,8 +135,7 @@ def repeated_modes() -> Problem:
             (1.0, 1.0), (1.0, 1.0), (100.0 * x,) * 2, (100.0 * y,) * 2, (300.0, 300.0)
         )
 
-    true = building(1.0, 1.0001)
-    data = exact_modes(true, 2, end_hz=2.0)
+    data = exact_modes(building(1.0, 1.0001), 2, end_hz=2.0)
     error = bs.ErrorModel(frequency_cov=0.005, shape_sd=0.03)
     candidate = bs.ModelClass(
         "repeated modes d=2", building(kx, ky), data, error, pairing={"1": 1, "2": 2}
@@ -149,8 +146,7 @@ def repeated_modes() -> Problem:
     both, apart = (grid.ravel() for grid in np.meshgrid(axis, axis))
     z = np.column_stack([both + apart, both - apart]) / math.sqrt(2.0)
     logs = candidate.log_likelihood_at(z) + log_normal_pdf(z, 0.0, 1.0).sum(1)
-    exact = float(logsumexp(logs)) + 2.0 * math.log(side / n)
-    return as_problem(candidate, exact)
+    return as_problem(candidate, float(logsumexp(logs)) + 2.0 * math.log(side / n))
 
 
 def error_size_inferred() -> Problem:

@@ -97,8 +97,7 @@ def eggbox() -> Problem:
     """
 
     def log_likelihood(z: Array) -> Array:
-        x = in_box(z, 0.0, 10.0 * math.pi)
-        return (2.0 + np.cos(0.5 * x).prod(1)) ** 5
+        return (2.0 + np.cos(0.5 * in_box(z, 0.0, 10.0 * math.pi)).prod(1)) ** 5
 
     # The mean of each sign of the product over a quarter period, and how many hold which:
     # cos(x/2) > 0 in (0, π), (3π, 5π) and (7π, 9π), one half of ten quarters.

@@ -86,8 +86,7 @@ def gaussian(name: str, mean: Array, covariance: Array) -> Problem:
     constant = -np.log(np.diag(half)).sum() - 0.5 * d * math.log(2.0 * math.pi)
 
     def log_likelihood(z: Array) -> Array:
-        whitened = np.linalg.solve(half, (z - mean).T)
-        return constant - 0.5 * (whitened**2).sum(0)
+        return constant - 0.5 * (np.linalg.solve(half, (z - mean).T) ** 2).sum(0)
 
     exact = float(multivariate_normal(np.zeros(d), covariance + np.eye(d)).logpdf(mean))
     return Problem(name, d, log_likelihood, exact)

@@ -16,10 +16,9 @@ from scipy.stats import chi, ncx2
 def log_integral(log_integrand: Callable[[float], float]) -> float:
     """The log of an integral over a standard-normal coordinate, by adaptive quadrature."""
     top = max(log_integrand(float(x)) for x in np.linspace(-8.0, 8.0, 1601))
-    pieces = np.linspace(-9.0, 9.0, 73)
     parts = [
         quad(lambda x: math.exp(log_integrand(x) - top), low, high, epsabs=1e-14, epsrel=1e-10)[0]
-        for low, high in itertools.pairwise(pieces)
+        for low, high in itertools.pairwise(np.linspace(-9.0, 9.0, 73))
     ]
     return top + math.log(math.fsum(parts))
 

@@ -49,8 +49,7 @@ def shear_building(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np
     """Mass and stiffness matrices, and the influence of the ground."""
     n = int(rng.integers(2, 13))
     masses = 1e5 * rng.lognormal(0.0, 0.2, n)
-    stiffnesses = 2e8 * rng.lognormal(0.0, 0.2, n)
-    return np.diag(masses), chain(stiffnesses), np.ones(n)
+    return np.diag(masses), chain(2e8 * rng.lognormal(0.0, 0.2, n)), np.ones(n)
 
 
 def space_frame(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -100,8 +99,7 @@ def stationary(transfer, n_samples: int, rate_hz: float, rng: np.random.Generato
 def case(seed: int) -> Case:
     """The record of a seed."""
     rng = np.random.default_rng([28, seed])
-    in_space = rng.random() < 0.4
-    m, k, ground = space_frame(rng) if in_space else shear_building(rng)
+    m, k, ground = space_frame(rng) if rng.random() < 0.4 else shear_building(rng)
     values, vectors = eigh(k, m)
     f = np.sqrt(values) / (2.0 * np.pi)
     n = len(f)
@@ -154,8 +152,7 @@ def case(seed: int) -> Case:
 
     def clear_at(places: Sequence[int]) -> np.ndarray:
         clear = np.zeros(n, dtype=bool)
-        of_places = matrices[:, places][:, :, places]
-        level = 10.0 * np.log10(np.linalg.eigvalsh(of_places)[:, -1])
+        level = 10.0 * np.log10(np.linalg.eigvalsh(matrices[:, places][:, :, places])[:, -1])
         peaks, _ = find_peaks(level, prominence=CLEAR_DB)
         for peak in grid[peaks]:
             near = np.abs(f - peak) / (dampings * f)

@@ -27,8 +27,7 @@ MILD = (
 @pytest.mark.parametrize("problem", MILD, ids=lambda problem: problem.name)
 def test_log_evidence_and_shares(problem):
     z = np.random.default_rng(1).standard_normal((N_DRAWS, problem.n_dimensions))
-    log_likelihoods = np.nan_to_num(problem.log_likelihood(z), nan=-np.inf)
-    ratios = np.exp(log_likelihoods - problem.log_evidence)
+    ratios = np.exp(np.nan_to_num(problem.log_likelihood(z), nan=-np.inf) - problem.log_evidence)
     standard_error = ratios.std() / np.sqrt(N_DRAWS)
     assert standard_error < 0.1
     assert ratios.mean() == pytest.approx(1.0, abs=4.0 * standard_error)
@@ -63,8 +62,7 @@ def test_walkers_after_burn_in_or_thinned_are_chains(steps):
 
 def test_draws_in_another_order_or_of_several_walkers_are_none(steps):
     chains = steps[20:].transpose(1, 0, 2)
-    shuffled = np.random.default_rng(1).permutation(chains, axis=1)
-    assert share_of_emcee(shuffled, [steps]) == 0.0
+    assert share_of_emcee(np.random.default_rng(1).permutation(chains, axis=1), [steps]) == 0.0
     mixed = chains.copy()
     mixed[:2, ::2] = chains[2:4, ::2]
     assert share_of_emcee(mixed, [steps]) == 0.75

@@ -20,8 +20,7 @@ def test_the_table_is_that_of_its_source(script):
 
 
 def test_degrees_of_the_command_are_those_of_the_groups(script):
-    path = MODEL_CLASSES / "data" / "kw51_degrees.csv"
-    with path.open(encoding="utf-8") as file:
+    with (MODEL_CLASSES / "data" / "kw51_degrees.csv").open(encoding="utf-8") as file:
         _, *rows = csv.reader(file)
     assert {name: float(value) for name, value in rows} == pytest.approx(script.DEGREES, abs=0.006)
 

@@ -37,8 +37,7 @@ def test_a_mode_that_was_left_out_is_predicted_by_the_other_with_both_errors(scr
 def test_a_mode_that_was_not_looked_for_is_no_missed_one(script):
     """The likelihood depends on the mode that is left only, as if there were one model mode."""
     left = script.without(frame((1.0, 2.6)), "", "2")
-    z = np.array([[0.0], [0.5]])
-    values = left.values(z)
+    values = left.values(np.array([[0.0], [0.5]]))
     density = left.log_likelihood(values)
     hz = np.sqrt(values[:, 0] * (3.0 - np.sqrt(5.0)) / 2.0) / (2.0 * np.pi)
     expected = -0.5 * ((hz - 1.0) / 0.01) ** 2

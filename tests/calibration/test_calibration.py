@@ -54,8 +54,7 @@ def test_every_exact_minimum_of_the_frequencies_is_listed(model_classes, name):
     exact = [fit for fit in computed.minima if fit.objective < 1e-6]
     assert len(exact) == 1 + len(OTHERS[name])
     for expected in OTHERS[name]:
-        nearest = min(np.abs(np.array(fit.values) - expected).max() for fit in exact)
-        assert nearest < 6e-5
+        assert min(np.abs(np.array(fit.values) - expected).max() for fit in exact) < 6e-5
     distances = [np.linalg.norm(np.log(fit.values)) for fit in exact]  # from the prior
     assert distances == sorted(distances)
     assert computed.undetermined_directions == 0
@@ -229,16 +228,14 @@ def one_two_and_none(a_prior=None):
     frequencies = lambda a, b, c, d: (np.sqrt([a, 4.0 * b * c]), None)  # noqa: ARG005, E731
     structure = bs.FunctionStructure(frequencies, arguments, n_modes=2)
     data = bs.ModalData((bs.IdentifiedMode("1", 1.1), bs.IdentifiedMode("2", 2.1)), (0.0, 5.0))
-    error = bs.ErrorModel(SIGMA_F)
-    return bs.ModelClass("c", structure, data, error, pairing={"1": 1, "2": 2})
+    return bs.ModelClass("c", structure, data, bs.ErrorModel(SIGMA_F), pairing={"1": 1, "2": 2})
 
 
 def test_what_is_determined_alone_and_what_is_not():
     calibration = bs.calibrate(one_two_and_none(), n_starts=8)
     a, b, c, d = calibration.best.values
     # The nearest exact fit shares the change between b and c, and leaves d.
-    expected = (1.1**2, 2.1 / 2.0, 2.1 / 2.0, 0.0)
-    assert (a, b, c, d) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    assert (a, b, c, d) == pytest.approx((1.1**2, 2.1 / 2.0, 2.1 / 2.0, 0.0), rel=1e-6, abs=1e-6)
     assert calibration.undetermined_directions == 2
     assert calibration.standard_errors[0] == pytest.approx(2.0 * SIGMA_F * a, rel=1e-5)
     assert calibration.standard_errors[1:] == (math.inf,) * 3

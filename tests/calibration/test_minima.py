@@ -22,8 +22,7 @@ def test_minima_that_mirror_one_another_have_one_order(signs):
     structure = bs.FunctionStructure(alike, factors, n_modes=2)
     modes = (bs.IdentifiedMode("1", 1.0), bs.IdentifiedMode("2", np.sqrt(2.5)))
     data = bs.ModalData(modes, (0.0, 5.0))
-    error = bs.ErrorModel(0.01)
-    candidate = bs.ModelClass("c", structure, data, error, pairing={"1": 1, "2": 2})
+    candidate = bs.ModelClass("c", structure, data, bs.ErrorModel(0.01), pairing={"1": 1, "2": 2})
     problem = CalibrationProblem(candidate, 0.0)
     z = np.log(2.0) / np.sqrt(np.log1p(0.3**2))
     ends = [np.array([z, -z]) * (1.0 + signs[0]), np.array([-z, z]) * (1.0 + signs[1])]
@@ -72,8 +71,7 @@ def test_a_curved_valley_is_followed():
 def test_rows_do_not_depend_on_one_another():
     together = descend(valley, STARTS, 9, PRECISE)
     for i in range(len(STARTS)):
-        alone = descend(valley, STARTS[[i]], 9, PRECISE)
-        for of_one, of_all in zip(alone, together, strict=True):
+        for of_one, of_all in zip(descend(valley, STARTS[[i]], 9, PRECISE), together, strict=True):
             np.testing.assert_array_equal(of_one[0], of_all[i])
 
 

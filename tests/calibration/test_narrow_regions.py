@@ -50,8 +50,7 @@ def log_evidence_near_truth(candidate, error):
     reach = 10.0 * 2.0 * error / np.sqrt(np.log1p(0.3**2))
     line, step = np.linspace(-reach, reach, 25, retstep=True)
     z = truth + np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
-    log_posteriors = candidate.log_likelihood_at(z) + log_standard_normal(z)
-    return logsumexp(log_posteriors) + 3.0 * np.log(step)
+    return logsumexp(candidate.log_likelihood_at(z) + log_standard_normal(z)) + 3.0 * np.log(step)
 
 
 def searched(candidate, starts):
