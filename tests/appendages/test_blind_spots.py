@@ -67,8 +67,7 @@ def test_modes_that_may_be_missed_bracket_the_structures_own(own, missed):
     assert hz[own] < bare[own] < hz[own + 1]
     real = real_of(hz, shapes)
     assert real.pair(own, FLOORS) == missed
-    wide = FLOORS._replace(band_hz=(0.0, 9.0))
-    assert real.pair(own, wide) == [own + 1, own + 2]
+    assert real.pair(own, FLOORS._replace(band_hz=(0.0, 9.0))) == [own + 1, own + 2]
 
 
 def test_modes_that_hardly_move_a_sensor_are_not_in_the_table():
@@ -140,8 +139,7 @@ def test_the_command_prints_and_saves_the_map(run, tmp_path, spots, monkeypatch)
     assert f"1 of {n} cases ({100 / n:.1f} %) leave a parameter off by more than 10 %" in printed
     assert "1 of them where one mode of the two is not in the table. The worst: k2 +" in printed
     assert "Removed of 1 blind spots that were tried again: by a band to 9.38 Hz" in printed
-    record = json.loads((tmp_path / "map" / "blind_spots.json").read_text("utf-8"))
-    assert len(record["cases"]) == n
+    assert len(json.loads((tmp_path / "map" / "blind_spots.json").read_text("utf-8"))["cases"]) == n
     assert (tmp_path / "map" / "blind_spots.png").stat().st_size > 1000
     with figures_for_files():
         (cells,) = plot_blind_spots(spots).axes[0].collections

@@ -166,8 +166,7 @@ def test_appendages_are_in_the_tests_whose_structures_have_their_places(fake_sam
         bs.Configuration(name, own.structure, own.data, pairing="any")
         for name, own in (("sideways", sideways), ("torsion", twisting))
     ]
-    both = bs.ModelClass("b", error=sideways.error, configurations=tests)
-    result = bs.search(both, ONE)
+    result = bs.search(bs.ModelClass("b", error=sideways.error, configurations=tests), ONE)
     assert result.record.present_in == ("sideways",)
     for made in result.ranking.study.model_classes[1:]:
         assert [len(test.structure.appendages) for test in made.configurations] == [1, 0]

@@ -100,8 +100,7 @@ def test_torsion_is_not_taken_for_an_appendage(plane):
 
 def test_an_appendage_moves_its_partner(plane):
     """One of 6 % of a floor in resonance with the second mode."""
-    second = modes_of(plane)[1][0]
-    carrying = plane.with_element(bs.Pendulum(3, 0.06, second))
+    carrying = plane.with_element(bs.Pendulum(3, 0.06, modes_of(plane)[1][0]))
     named, of_any = probabilities(plane, modes_of(carrying))
     assert max(named, key=named.get) == "pendulum 3"
     assert of_any > 0.95
@@ -121,8 +120,7 @@ def test_motions_and_appendages_share_a_prior(plane):
     assert family.prior_weight("b", 1, 1) == pytest.approx(0.7 / 4.0)
     for number, weight in enumerate(options.number_weights):
         common = [sum(f.is_common for f in chosen) for chosen in combinations(features, number)]
-        total = sum(family.prior_weight("b", number, n) for n in common)
-        assert total == pytest.approx(weight)
+        assert sum(family.prior_weight("b", number, n) for n in common) == pytest.approx(weight)
 
 
 def test_the_answer_names_the_motion_and_the_sensor_that_would_tell(found_in_case_c):

@@ -76,15 +76,13 @@ def test_the_greatest_likelihood_is_that_of_screening(chain, together):
     for i, (hypothesis, full) in enumerate(zip(hypotheses, screened, strict=True)):
         of_class, look = hypothesis[0].log_likelihood_at, together[i]
         at_maxima = of_class(full.maxima).max()
-        within = 0.01 if i == TRUE else 6.0
-        assert look.log_evidence == pytest.approx(at_maxima, abs=within)
+        assert look.log_evidence == pytest.approx(at_maxima, abs=0.01 if i == TRUE else 6.0)
         assert look.log_evidence > full.log_evidence + 5.0
         assert look.log_evidence == pytest.approx(of_class(look.z).max(), abs=1e-9)
 
 
 def test_looking_together_changes_nothing(chain, together):
-    some = chain.hypotheses[1:3]
-    alone = [looks_at([each], 0, bs.Run())[0] for each in some]
+    alone = [looks_at([each], 0, bs.Run())[0] for each in chain.hypotheses[1:3]]
     for i, look in enumerate(alone, 1):
         assert np.array_equal(look.z, together[i].z)
         assert look.log_evidence == together[i].log_evidence
@@ -142,8 +140,7 @@ def test_the_basis_that_all_share_is_accurate_where_the_best_one_lies(chain):
     features = (chain.baselines.appendages("chain")[TRUE],)
     best = Hypothesis(Key("chain", features), model_class, 1.0, screened)
     accurate = chain.baselines.accurate(best)
-    names = accurate.parameter_names
-    values = accurate.values(screened.posterior_draws(names, 20))
+    values = accurate.values(screened.posterior_draws(accurate.parameter_names, 20))
     bounds = accurate.structure.bounds(values, 4)
     assert bounds.frequency.max() < 0.1 * 0.003
     assert bounds.shape.max() < 0.1 * 0.02

@@ -40,8 +40,7 @@ def test_an_evidence_of_unknown_accuracy_is_sampled():
 
 def test_others_may_be_as_much_too_low_as_the_worst_of_those_sampled():
     approximate = estimates(0.0, -1.0, math.log(0.016))
-    right = {"a": 0.0, "b": -1.0}
-    assert to_sample(approximate, right, 0.01) == []
+    assert to_sample(approximate, {"a": 0.0, "b": -1.0}, 0.01) == []
     low = {"a": 0.0, "b": 0.0}  # 1 nat more than was thought: the bound of "c" is 0.016 e of 2
     assert to_sample(approximate, low, 0.01) == ["c"]
     bound = 0.016 * math.e
@@ -90,8 +89,7 @@ def test_screening_agrees_with_sampling(bare, none, found_in_case_c, place):
 def test_a_narrow_resonance_is_screened_wherever_it_lies_in_the_band(bare, none):
     """The scan leaves out no part of the band: the same evidence with other draws."""
     candidate = hypothesis(bare, (INFILL_12,))
-    evidences = [screen((candidate, none), seed).log_evidence for seed in range(2)]
-    assert np.ptp(evidences) < 0.3
+    assert np.ptp([screen((candidate, none), seed).log_evidence for seed in range(2)]) < 0.3
 
 
 def by_name(**log_evidences):
@@ -115,8 +113,7 @@ def test_only_what_matters_is_sampled_and_all_is_reported(bare, fake_sampling):
 def test_more_are_sampled_where_screening_proves_too_low(bare, fake_sampling):
     """Pendulum 2 seems 7 nats below pendulum 1; that is 5 nats too low for others, too."""
     screened = by_name(pendulum_1=0.0, pendulum_2=-7.0, no_appendage=-5.0)
-    sampled = by_name(pendulum_1=0.0, pendulum_2=-7.0, no_appendage=0.0)
-    fake_sampling(sampled, screened)
+    fake_sampling(by_name(pendulum_1=0.0, pendulum_2=-7.0, no_appendage=0.0), screened)
     bs.search(bare, bs.SearchSettings(number_weights=(1.0, 1.0)))
     assert fake_sampling.sampled == [["no appendage", "pendulum 1"], ["pendulum 2"]]
 

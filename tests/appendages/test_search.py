@@ -154,8 +154,7 @@ class RoofPlace(AppendagePlace):
         return "a mast"
 
     def element(self, vibrating_mass, frequency):
-        on = self.candidate.place
-        return bs.Pendulum(on, 0.5 * vibrating_mass, frequency, label=self.label)
+        return bs.Pendulum(self.candidate.place, 0.5 * vibrating_mass, frequency, label=self.label)
 
 
 def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch):
@@ -167,8 +166,7 @@ def test_another_kind_of_appendage_is_one_class(bare, fake_sampling, monkeypatch
     record = result.record
     assert from_record(SearchRecord, json.loads(json.dumps(to_record(record)))) == record
     ax = plot_places(record)
-    places = [each for each in record.places if not each.place.is_common]
-    assert len(ax.patches) == len(places) == 7
+    assert len(ax.patches) == sum(not each.place.is_common for each in record.places) == 7
     assert "mast 3" in [tick.get_text() for tick in ax.get_yticklabels()]
 
 
@@ -237,8 +235,7 @@ def test_what_is_not_tried_has_the_probability_that_parts_alone_let_expect(bare,
     masses = {"no appendage": 1.0} | {name: math.exp(ALONE.get(name, -4.0)) / 6 for name in names}
     masses |= {p: weight * math.exp(sum(ALONE.get(n, -4.0) for n in p.split(" + "))) for p in pairs}
     left = sum(mass for name, mass in masses.items() if name not in tried)
-    expected = left / sum(masses.values())
-    assert result.record.expected_not_tried == pytest.approx(expected, rel=1e-9)
+    assert result.record.expected_not_tried == pytest.approx(left / sum(masses.values()), rel=1e-9)
     (note,) = [note for note in search_notes(result.record) if note.startswith("Not tried")]
     assert note.startswith("Not tried: 7 with several appendages")
 

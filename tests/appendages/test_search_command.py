@@ -135,8 +135,7 @@ def test_priors_of_the_command_line_are_used(run, tiny_study_file, tmp_path, fak
     arguments = (*ONE_K, "--mass", 0.2, 0.5, "--frequency", 1.5, 2.5, "--out", tmp_path / "r")
     assert run("search", tiny_study_file, *arguments).exit_code == 0
     text = (tmp_path / "r" / "result.json").read_text(encoding="utf-8")
-    classes = json.loads(text)["model_classes"]
-    (one,) = [c for c in classes if c["name"] == "pendulum 1"]
+    (one,) = [c for c in json.loads(text)["model_classes"] if c["name"] == "pendulum 1"]
     priors = {p["name"]: p["prior"] for p in one["parameters"]}
     assert priors["mass ratio, pendulum 1"] == to_record(bs.LogUniform(0.2, 0.5))
     assert priors["frequency, pendulum 1"] == to_record(bs.LogUniform(1.5, 2.5))
@@ -179,8 +178,7 @@ def test_an_interrupted_search_is_resumed_and_leaves_no_checkpoint(
     # As if hypotheses had been sampled that are not tried the next time.
     kept, *_ = (tmp_path / ".r.checkpoint").iterdir()
     shutil.copy(kept, kept.with_name("with_two_appendages"))
-    result = succeeded(run(*arguments))
-    assert "an earlier run was interrupted; it is resumed" in result.stderr
+    assert "an earlier run was interrupted; it is resumed" in succeeded(run(*arguments)).stderr
     assert not (tmp_path / ".r.checkpoint").exists()
     assert {p.name for p in bs.load_result(out).posteriors} == {"no appendage", "infill 0-1"}
 

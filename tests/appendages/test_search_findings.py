@@ -43,8 +43,7 @@ def test_no_appendage_is_detected_on_a_bare_frame(frame, fixed_error):
     data = exact_modes(frame, frame.degrees_of_freedom, (0.0, 6.0))
     np.testing.assert_allclose(data.frequencies_hz, [1.0, 2.80193774, 4.04891734], atol=1e-8)
     baseline = bs.ModelClass("bare", frame, data, fixed_error, pairing={})
-    one = bs.SearchSettings(number_weights=(1.0, 1.0))
-    result = bs.search(baseline, one, settings=COARSE)
+    result = bs.search(baseline, bs.SearchSettings(number_weights=(1.0, 1.0)), settings=COARSE)
     assert result.ranking.comparison.best.name == "no appendage"
     assert result.record.probability_of_any < 0.2
 
@@ -162,5 +161,4 @@ def test_the_table_always_shows_no_appendage_and_counts_what_it_leaves_out(of_a_
     assert set(signed.values()) == {True, False}
     assert all(signed[name] == (name not in sampled) for name in signed)
     (note,) = [note for note in notes if "not sampled" in note]
-    n = len(rows) - len(sampled)
-    assert note.startswith(f"≈: not sampled, {n} of {len(rows)} hypotheses")
+    assert note.startswith(f"≈: not sampled, {len(rows) - len(sampled)} of {len(rows)} hypotheses")

@@ -143,8 +143,7 @@ def test_a_mode_that_looks_split_is_said_without_screening_where_that_is_slow(mo
 
 def test_a_class_with_an_appendage_is_no_rival_without_any():
     """Searched from the bare frame, "3 M3+" would beat it by carrying what is searched."""
-    study = kept_study("steel_frame")
-    chosen = choose_baselines(study, ["2 M3"])
+    chosen = choose_baselines(kept_study("steel_frame"), ["2 M3"])
     assert [each.name for each in chosen.classes] == ["2 M3"]
     names = {each.name for each in chosen.rivals}
     assert names

@@ -160,9 +160,8 @@ def test_exactly_the_same_modes_show_no_change():
 
 def test_a_common_loss_is_no_change():
     """Three per cent of all stiffnesses, as by temperature; exact modes."""
-    fallen = identified(stiffnesses=(0.97, 0.97, 0.97))
     # Considered since all frequencies fell alike.
-    record = screened_changes(fallen, SAME, losses_only=True)
+    record = screened_changes(identified(stiffnesses=(0.97, 0.97, 0.97)), SAME, losses_only=True)
     assert record.hypotheses[0].name == "all in common"
     assert record.probability_of_any < 0.2
     (common,) = [each for each in record.places if each.place.is_common]
@@ -282,8 +281,7 @@ def test_a_place_without_influence_is_said():
 
 def test_two_places_that_do_the_same_are_named_together():
     """The stiffness of storey 1 is a product: a loss of either factor is one of the other."""
-    factors = [bs.Parameter(name, bs.LogNormal(1.0, 0.05)) for name in ("a", "b", "k2", "k3")]
-    a, b, *others = factors
+    a, b, *others = [bs.Parameter(name, bs.LogNormal(1.0, 0.05)) for name in ("a", "b", "k2", "k3")]
     structure = bs.ShearBuilding((1.0,) * 3, [K * a * b, *(K * each for each in others)])
     lost = identified(stiffnesses=(0.8, 1.0, 1.0))
     record = screened_changes(lost, SAME, losses_only=True, structure=structure)
@@ -353,16 +351,14 @@ def test_settings_that_cannot_be_are_refused(options, message):
 
 def test_independent_errors_allow_any_pairing():
     settings = bs.ChangeSettings(shared=None, losses_only=True)
-    study = bs.Study("s", [TWO.with_any_pairing("any")])
-    family = choose_changes(study, ["a"], ["b"], settings)
+    family = choose_changes(bs.Study("s", [TWO.with_any_pairing("any")]), ["a"], ["b"], settings)
     assert not family.classes[0].error.is_correlated
     assert family.features["any"] == tuple(ChangePlace(name, (name,)) for name in NAMES)
 
 
 def test_errors_that_the_class_shares_already_are_kept():
     own = replace(TWO, error=replace(ERROR, between_tests=0.5))
-    family = choose_changes(bs.Study("s", [own]), ["a"], ["b"])
-    assert family.classes[0].error.between_tests == 0.5
+    assert choose_changes(bs.Study("s", [own]), ["a"], ["b"]).classes[0].error.between_tests == 0.5
 
 
 STUDY = """

@@ -62,8 +62,7 @@ def test_the_ground_is_no_sensor_of_the_modes(tmp_path):
     modes = bs.read_modal_data(out)
     assert modes.sensors == ("floor 1", "floor 2")
     np.testing.assert_allclose(modes.frequencies_hz, [1.0, 2.62], rtol=0.01)
-    macs = (np.abs(modes.unit_shapes * shapes.T).sum(0)) ** 2
-    assert (macs > 0.99).all()
+    assert (np.abs(modes.unit_shapes * shapes.T).sum(0) ** 2 > 0.99).all()
     assert "clocks" not in result.output
 
 
@@ -122,8 +121,7 @@ def test_what_is_not_stated_is_asked_for_and_a_failed_check_ends_with_3(path):
         run(path, *BAND, "--quantity", "velocity"), "unit of velocity must be one"
     )
     # One mode at two peaks: what it becomes is neither of them.
-    between = ["--band", "2.2", "3.5", "--mode", 2.8]
-    wrong = run(path, *between, "--quantity", "acceleration")
+    wrong = run(path, "--band", 2.2, 3.5, "--mode", 2.8, "--quantity", "acceleration")
     assert wrong.exit_code == 3
     first, answer = wrong.stdout.lstrip().split("\n\n")[:2]
     assert first.startswith("(!) 1 check failed. Understand why before you use the modes.")

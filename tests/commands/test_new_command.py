@@ -34,8 +34,7 @@ def test_a_new_study_runs(run, kind):
     "name", ["2 storeys ü", "it's", 'a"""b', "back\\slash", "$HOME;ls", "v1.2"]
 )
 def test_suggested_commands_are_quoted_for_a_shell(run, name):
-    done = succeeded(run("new", name))
-    suggested = [shlex.split(line) for line in done.stdout.splitlines()[1:]]
+    suggested = [shlex.split(line) for line in succeeded(run("new", name)).stdout.splitlines()[1:]]
     assert suggested == [["bayes-ssi", "check", f"{name}.csv"], ["bayes-ssi", "rank", f"{name}.py"]]
     assert run(*suggested[0][1:]).exit_code == 0
     load_study(f"{name}.py")

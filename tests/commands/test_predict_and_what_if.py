@@ -74,8 +74,7 @@ def test_without_options(run, tiny_ranking, tmp_path, monkeypatch):
         f"Saved in {out / 'predictions'}: 4 tables and 1 figure.",
     ):
         assert words in text
-    tables = done.stdout.split("Natural")[1].split("Saved in")[0]
-    assert max(map(len, tables.splitlines())) <= 80
+    assert max(map(len, done.stdout.split("Natural")[1].split("Saved in")[0].splitlines())) <= 80
     assert sorted(path.name for path in (out / "predictions").iterdir()) == [
         "figures", "frequencies.csv", "mode_shapes.csv", "peaks.csv", "predictions.json",
         "transfer_functions.csv",
@@ -134,8 +133,7 @@ def test_a_warning_about_narrow_peaks(predict):
 
 def test_long_time_histories_are_announced(predict, tmp_path, monkeypatch):
     (tmp_path / "quake.AT2").write_text(AT2)
-    small = 40 * 4 - 1
-    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", small)
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", 40 * 4 - 1)
     done = predict("--record", tmp_path / "quake.AT2")
     assert "40 time histories of 4 samples take a while; fewer --draws" in done.stderr
 

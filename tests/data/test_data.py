@@ -44,8 +44,7 @@ def test_a_complex_shape_on_a_line_is_rotated_to_it(shape, phase_deg):
 
 def test_a_complex_shape_keeps_the_real_part_at_its_longest():
     shape = np.array([1.0 + 0.3j, -0.4 + 0.5j, 0.2 - 0.9j])
-    phases = np.linspace(0.0, math.pi, 20001)
-    parts = (shape * np.exp(1j * phases)[:, None]).real
+    parts = (shape * np.exp(1j * np.linspace(0.0, math.pi, 20001))[:, None]).real
     longest = parts[np.argmax((parts**2).sum(1))]
     cosine = mode(shape=shape).unit_shape @ longest / np.linalg.norm(longest)
     assert abs(cosine) == pytest.approx(1.0, abs=1e-7)

@@ -104,8 +104,7 @@ def test_complex_components(read, cell, value):
 
 
 def test_complex_components_with_decimal_commas(read):
-    text = "# band_hz; 0; 6\nlabel; frequency_hz; a; b\n1; 1,5; 0,3+0,1i; \n"
-    (mode,) = read(text).modes
+    (mode,) = read("# band_hz; 0; 6\nlabel; frequency_hz; a; b\n1; 1,5; 0,3+0,1i; \n").modes
     assert mode.frequency_hz == 1.5
     assert mode.shape[0] == 0.3 + 0.1j
     assert np.isnan(mode.shape[1])
@@ -172,8 +171,7 @@ def test_encodings(read, encoding):
 
 
 def test_a_workbook(tmp_path):
-    openpyxl = pytest.importorskip("openpyxl", reason="pip install bayes_ssi[xlsx]")
-    book = openpyxl.Workbook()
+    book = pytest.importorskip("openpyxl", reason="pip install bayes_ssi[xlsx]").Workbook()
     for row in (["# band_hz", 0, 6], ["Mode", "Frequency [Hz]", "roof"], [1, 1.5, 0.5]):
         book.active.append(row)
     book.save(tmp_path / "modes.xlsx")

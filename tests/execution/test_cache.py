@@ -162,8 +162,7 @@ def test_only_the_rows_that_raise_are_nan(n):
         expected = 2.0 * np.arange(n)
         expected[list(bad)] = np.nan
         np.testing.assert_array_equal(values, expected)
-        line = Fragile.__call__.__code__.co_firstlineno + 4
-        place = f"(test_cache.py, line {line})"
+        place = f"(test_cache.py, line {Fragile.__call__.__code__.co_firstlineno + 4})"
         assert failures == {row: f"ValueError: no modes at {row} {place}" for row in bad}
 
 

@@ -138,8 +138,7 @@ def hidden_study(one_k, **hidden):
 def test_a_structure_without_a_description_is_resumed_unless_changed(one_k, checkpoint, kept):
     """The default description of an object holds its address."""
     first, second = (hidden_study(one_k, limit=2.0) for _ in range(2))
-    descriptions = {repr(study.model_classes[0].structure) for study in (first, second)}
-    assert len(descriptions) == 2
+    assert len({repr(study.model_classes[0].structure) for study in (first, second)}) == 2
     run = bs.Run(checkpoint=checkpoint)
     expected = bs.rank(first, run=run)
     (failed,) = expected.posteriors[0].failed_checks
