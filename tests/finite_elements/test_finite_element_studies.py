@@ -27,8 +27,7 @@ def study(name, package, extra):
 
 
 def test_beam_by_scikit_fem():
-    loaded = study("beam_on_a_support.py", "skfem", "fem")
-    plain, at_tip, anywhere = loaded.model_classes
+    plain, at_tip, anywhere = study("beam_on_a_support.py", "skfem", "fem").model_classes
     # β_1 L = 1.875104, β_2 L = 4.694091: f = (βL)²/(2π) √(EI/(ρAL⁴)).
     root = math.sqrt(210e9 * 0.012**2 / 12.0 / (7850.0 * 3.0**4)) / (2.0 * math.pi)
     expected = np.array([1.8751041, 4.6940911, 7.8547574]) ** 2 * root
@@ -105,8 +104,7 @@ def test_the_pipe_on_the_footbridge(run, tmp_path, monkeypatch):
     low, _, high = true.amounts["frequency_hz"]
     assert low < TRUE_HZ < high
     assert len(record.geometry.nodes) == 52
-    stored = json.loads((out / "search.json").read_text(encoding="utf-8"))
-    assert stored["geometry"]["unit"] == "m"
+    assert json.loads((out / "search.json").read_text(encoding="utf-8"))["geometry"]["unit"] == "m"
     with figures_for_files():
         ax = plot_places(record)
     title = ax.figure.get_suptitle()

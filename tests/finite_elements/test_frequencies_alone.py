@@ -179,10 +179,8 @@ def test_masses_without_a_scale_are_refused_before_sampling():
 
 def test_a_mode_with_a_shape_beside_one_without():
     (alone,) = STUDY_OF("building").model_classes
-    shape = np.array([0.53, 0.85])
-    modes = (replace(alone.data.modes[0], shape=shape), alone.data.modes[1])
-    sensors = ("floor 1", "floor 2")
-    part = replace(alone.data, modes=modes, sensors=sensors)
+    modes = (replace(alone.data.modes[0], shape=np.array([0.53, 0.85])), alone.data.modes[1])
+    part = replace(alone.data, modes=modes, sensors=("floor 1", "floor 2"))
     posterior = bs.sample(bs.ModelClass("x", alone.structure, part, alone.error,
                                         pairing=alone.pairing))  # fmt: skip
     first, second = posterior.configurations[0].updated.modes

@@ -28,8 +28,7 @@ def chain(n):
 
 def chain_hz(n, modes):
     """f_j = (1/π) sin((2j - 1)π/(2(2n + 1)))."""
-    j = np.arange(1, modes + 1)
-    return np.sin((2 * j - 1) * math.pi / (2 * (2 * n + 1))) / math.pi
+    return np.sin((2 * np.arange(1, modes + 1) - 1) * math.pi / (2 * (2 * n + 1))) / math.pi
 
 
 class TestModes:
@@ -48,8 +47,7 @@ class TestModes:
         np.testing.assert_allclose(shapes[0].T @ shapes[0], np.eye(3), atol=1e-12)
 
     def test_long_chain(self):
-        k = multiplier("k")
-        structure = bs.MatrixStructure((k, chain(400)), sp.eye_array(400), n_modes=6,
+        structure = bs.MatrixStructure((multiplier("k"), chain(400)), sp.eye_array(400), n_modes=6,
                                        sensors={"top": 399, "middle": 200})  # fmt: skip
         frequencies, shapes = structure.modes(np.array([[1.0], [4.0]]))
         expected = chain_hz(400, 6)
@@ -63,8 +61,7 @@ class TestModes:
     def test_degrees_of_freedom_without_mass(self):
         # Every second mass of the chain is taken away: two springs in series are half as stiff.
         n = 300
-        mass = sp.diags_array(np.arange(n) % 2 * 1.0)
-        structure = bs.MatrixStructure(chain(n), mass, n_modes=5)
+        structure = bs.MatrixStructure(chain(n), sp.diags_array(np.arange(n) % 2 * 1.0), n_modes=5)
         expected = chain_hz(n // 2, 5) * math.sqrt(0.5)
         np.testing.assert_allclose(structure.modes(np.zeros((1, 0)))[0][0], expected, rtol=1e-9)
 

@@ -28,8 +28,7 @@ def chain():
 
 @pytest.fixture(scope="module")
 def projected(chain):
-    values = np.random.default_rng(0).lognormal(0.0, 0.05, (50, 1))
-    return chain.projected(values, ["s40", "s20"])
+    return chain.projected(np.random.default_rng(0).lognormal(0.0, 0.05, (50, 1)), ["s40", "s20"])
 
 
 def test_it_is_smaller_and_as_accurate_where_it_was_made(chain, projected):
@@ -124,8 +123,7 @@ def test_alternative_places_are_those_of_each_structure(projected, elements):
 
 def test_a_mass_with_parameters_is_kept_as_it_is():
     """Coordinates of unit mass are those of all values only where the mass is known."""
-    density = bs.Parameter("density", bs.LogNormal(1.0, 0.1))
-    mass = [(density, MASS * np.eye(N))]
+    mass = [(bs.Parameter("density", bs.LogNormal(1.0, 0.1)), MASS * np.eye(N))]
     model = bs.MatrixStructure(LOWER + UPPER, mass, sensors=SENSORS, n_modes=4)
     light = model.reduced().projected(np.ones((1, 1)), ["s40"])
     carrying = light.with_element(bs.Pendulum("s40", 2.0, 0.4, label="a"))

@@ -78,8 +78,7 @@ def test_goes_on_where_it_is_not_accurate_enough(reduced, monkeypatch):
     exact = reduced.full.modes(values).frequencies_hz
     np.testing.assert_allclose(better.modes(values).frequencies_hz, exact, rtol=1e-7)
     with_at_most(2, monkeypatch)
-    with_few = full().reduced()
-    assert with_few.accurate_at(Requirement(values, 1e-7, 1e-4)).n_full_solutions == 2
+    assert full().reduced().accurate_at(Requirement(values, 1e-7, 1e-4)).n_full_solutions == 2
 
 
 def with_at_most(n_full_solutions, monkeypatch):
@@ -129,8 +128,7 @@ def test_large_models_are_reduced_by_one_full_solution_as_accurately(monkeypatch
 def test_so_are_elements_on_them(monkeypatch):
     monkeypatch.setattr(f"{MODULE}.ONE_FACTOR_FROM", 100)
     values = draws(10, seed=2)
-    hz = full().modes(values).frequencies_hz[:, 1].mean()
-    pendulum = bs.Pendulum("s119", 2.0, float(hz))
+    pendulum = bs.Pendulum("s119", 2.0, float(full().modes(values).frequencies_hz[:, 1].mean()))
     bare, exact = full().reduced(), full().with_element(pendulum)
     assert bare.basis.size
     better = bare.with_element(pendulum).accurate_at(Requirement(values, 1e-7, 1e-4))

@@ -165,8 +165,7 @@ def wrong_tower(degrees, ratio):
 
 @pytest.mark.parametrize(("ratio", "fails"), [(0.94, True), (1.0, False)])
 def test_a_class_that_errs_alike_in_all_tests_fails(ratio, fails):
-    degrees = (-10.0, 10.0, 30.0)
-    rankings = {str(at): ranking(wrong_tower(at, ratio)) for at in degrees}
+    rankings = {str(at): ranking(wrong_tower(at, ratio)) for at in (-10.0, 10.0, 30.0)}
     failed = list(repeated_errors("tower", posteriors_of(rankings)))
     assert len(failed) == fails
     if fails:
@@ -177,8 +176,7 @@ def of_classes(ranking, *classes):
     """The ranking as if it had been of these classes, which have one posterior."""
     posteriors = tuple(replace(ranking.posteriors[0], name=each.name) for each in classes)
     study = bs.Study("one test", list(classes))
-    comparison = bs.compare(posteriors)
-    return replace(ranking, study=study, posteriors=posteriors, comparison=comparison)
+    return replace(ranking, study=study, posteriors=posteriors, comparison=bs.compare(posteriors))
 
 
 def test_what_is_refused(rankings):
@@ -266,8 +264,7 @@ def test_the_command(run, saved, of_k2):
     command = ["hierarchy", *saved, *options]
     done = run(*command, "--json")
     assert done.exit_code in (0, 3), done.output  # coarse as it is, the sampling may fail a check
-    record = json.loads(done.stdout)
-    ours = {each["name"]: each["log_evidence"] for each in record["populations"]}
+    ours = {each["name"]: each["log_evidence"] for each in json.loads(done.stdout)["populations"]}
     assert ours == {
         each.name: pytest.approx(each.log_evidence, abs=4.0 * (each.error + 0.02))
         for each in of_k2.populations

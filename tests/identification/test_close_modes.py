@@ -87,8 +87,7 @@ def test_angle_and_frequencies_are_those_of_matrices_drawn_at_random():
     w = rng.standard_normal((n, 2, 2))
     w = 0.5 * (w + w.transpose(0, 2, 1))  # off the diagonal the variance is a half
     squares = np.array([1.0 - 0.5 * distance, 1.0 + 0.5 * distance]) ** 2
-    drawn = np.diag(squares) + 2.0 * sd * squares.mean() * w
-    eigenvalues, vectors = np.linalg.eigh(drawn)
+    eigenvalues, vectors = np.linalg.eigh(np.diag(squares) + 2.0 * sd * squares.mean() * w)
     f = np.sqrt(eigenvalues)
     d = (f[:, 1] - f[:, 0]) / (0.5 * (f[:, 1] + f[:, 0]))
     t = np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])
@@ -126,8 +125,7 @@ def test_a_pair_of_one_frequency_is_a_plane_and_a_direction_in_it():
         points=[0.0], epsrel=1e-12,
     )  # fmt: skip
     data = turned_data(30.0, 0.0)
-    far = likelihood(data, 0.0, {"a": 1}, bs.ErrorModel(0.01, sd))
-    assert far < likelihood(data, 0.0)
+    assert likelihood(data, 0.0, {"a": 1}, bs.ErrorModel(0.01, sd)) < likelihood(data, 0.0)
     candidate = bs.ModelClass(
         "pair", Pair(), data, bs.ErrorModel(0.01, sd), pairing={"a": 1, "b": 2}
     )
@@ -141,13 +139,11 @@ def test_far_modes_are_as_if_nothing_turned_and_the_limit_is_continuous():
     limit = 0.01 / (math.sqrt(2.0) * 0.03)
     data = turned_data(1.0, limit)
     for distance, turns in ((1.001 * limit, False), (0.999 * limit, True)):
-        candidate = bs.ModelClass("pair", Pair(), data, error, pairing={"a": 1, "b": 2})
-        own = candidate.likelihoods[0]
+        own = bs.ModelClass("pair", Pair(), data, error, pairing={"a": 1, "b": 2}).likelihoods[0]
         values = np.array([[distance]])
         modes = own.compared_modes(values)
         assert bool(modes.turned.any()) is turns
-        shapes = own.shapes_at_sensors(own.modes(values))
-        alone = -own.pairs.shape_distances(shapes).sum() / 0.03**2
+        alone = -own.pairs.shape_distances(own.shapes_at_sensors(own.modes(values))).sum() / 0.03**2
         alone -= 2.0 * float(log_shape_normaliser(np.array([0.03]), 4)[0])
         terms = own.terms(values, modes).shape.sum()
         assert terms == pytest.approx(alone, abs=0.0 if not turns else 2e-3)
@@ -185,9 +181,8 @@ def test_the_closest_of_three_turn_together():
 
 
 def test_of_many_close_modes_the_closest_turn_together_then_the_closest_of_those_left():
-    rng = np.random.default_rng(4)
     # Steps within 0.5 to 5 %, in tenths: some are equal, and some too far to turn.
-    steps = 1.0 + 0.001 * rng.integers(5, 51, (300, 9))
+    steps = 1.0 + 0.001 * np.random.default_rng(4).integers(5, 51, (300, 9))
     frequencies = np.cumprod(np.hstack([np.ones((300, 1)), steps]), axis=1)
     close = close_pairs(frequencies, np.full((9, 1), np.nan), np.array([[1e-4, 0.06]]))
     limit = math.sqrt(1e-4 / (2.0 * 0.06))
@@ -195,8 +190,7 @@ def test_of_many_close_modes_the_closest_turn_together_then_the_closest_of_those
     for row, f in enumerate(frequencies):
         distances = 2.0 * (f[1:] - f[:-1]) / (f[1:] + f[:-1])
         for lower in np.argsort(distances, kind="stable").tolist():
-            beside = {(row, lower - 1), (row, lower + 1)}
-            if distances[lower] < limit and not beside & expected:
+            if distances[lower] < limit and not {(row, lower - 1), (row, lower + 1)} & expected:
                 expected.add((row, lower))
     assert set(zip(close.rows.tolist(), close.lower.tolist(), strict=True)) == expected
     assert len(close.rows) == len(expected) > 600
@@ -225,8 +219,7 @@ def test_which_of_three_turn_does_not_change_where_distances_of_the_model_cross(
     pairing = {label: i for i, label in enumerate("abc", 1)}
     candidate = bs.ModelClass("chain", Chain(), data, bs.ErrorModel(0.01, 0.03), pairing=pairing)
     values = np.linspace(0.4, 0.6, 51)[:, None]  # where both distances are 1 % at the middle
-    rises = np.diff(candidate.log_likelihood(values))
-    assert np.abs(np.diff(rises)).max() < 1e-4
+    assert np.abs(np.diff(candidate.log_likelihood(values), 2)).max() < 1e-4
     (likelihood,) = candidate.likelihoods
     close = likelihood.close_pairs(values, likelihood.modes(values).frequencies_hz)
     assert set(close.lower.tolist()) == {1}  # b and c, as identified
@@ -237,8 +230,7 @@ def test_the_weight_of_a_pair_is_the_largest_where_shapes_are_those_of_the_model
     error, values = bs.ErrorModel(0.01, 0.03), np.array([[0.3]])
     candidate = bs.ModelClass("pair", Pair(), turned_data(0.0, 0.3), error, pairing="any")
     (likelihood,) = candidate.likelihoods
-    variances = likelihood.prediction_var(values)
-    close = ClosePairs(np.array([0]), np.array([0]), values[0], variances)
+    close = ClosePairs(np.array([0]), np.array([0]), values[0], likelihood.prediction_var(values))
     most = likelihood._most_log_weights(close, likelihood.modes(values).frequencies_hz)
     weights = likelihood.pairing_weights(values).log_ratios[0]
     np.testing.assert_allclose(np.diag(most[0]), np.diag(weights), rtol=1e-12)

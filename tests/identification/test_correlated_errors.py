@@ -71,8 +71,7 @@ def jointly_identified(test, seed, unseen=()):
         modes.append(bs.IdentifiedMode(mode.label, mode.frequency_hz, shape))
     size = len(modes) * (1 + len(test.data.sensors))
     factor = 0.012 * rng.standard_normal((size, size + 2))
-    data = replace(test.data, modes=tuple(modes), covariance=factor @ factor.T)
-    return replace(test, data=data)
+    return replace(test, data=replace(test.data, modes=tuple(modes), covariance=factor @ factor.T))
 
 
 ALL_AT_ONCE = {
@@ -220,8 +219,7 @@ def test_the_least_error_is_that_of_the_difference_that_data_determine_best(test
         frequency, shape = likelihood.least_errors(own)
         # Of the mode with the smallest identification errors, none of frequency and 0.01 of shape.
         np.testing.assert_allclose(frequency, SD * math.sqrt(of_frequencies), rtol=2e-3)
-        expected = math.sqrt(SHAPE_SD**2 * of_shapes + 0.01**2)
-        np.testing.assert_allclose(shape, expected, rtol=1e-9)
+        np.testing.assert_allclose(shape, math.sqrt(SHAPE_SD**2 * of_shapes + 0.01**2), rtol=1e-9)
 
 
 SENSORS = ("floor 1", "floor 2", "floor 3")
@@ -243,8 +241,7 @@ def identified(augmented, missing=True):
         if missing and label == "b":
             shape[1] = np.nan
         hz = frequencies[0, i] * (1.0 + 0.005 * rng.standard_normal())
-        seen = None if missing and label == "c" else shape
-        modes.append(bs.IdentifiedMode(label, hz, seen))
+        modes.append(bs.IdentifiedMode(label, hz, None if missing and label == "c" else shape))
     factor = 0.004 * np.random.default_rng(0).standard_normal((12, 12))
     return bs.ModalData(tuple(modes), (0.0, 6.0), SENSORS, covariance=factor @ factor.T)
 
@@ -255,8 +252,7 @@ def drawn(model_class, n=6):
 
 
 def test_misfit_is_chi_square_of_all_errors_together_and_of_each_mode(augmented):
-    data = identified(augmented)
-    joint = bs.ModelClass("joint", augmented, data, INFERRED, pairing=PAIRING)
+    joint = bs.ModelClass("joint", augmented, identified(augmented), INFERRED, pairing=PAIRING)
     values = drawn(joint)
     (modes,) = at_draws(joint, values).modes
     result = misfit(joint.likelihoods[0], values, modes, np.random.default_rng(0))
@@ -285,12 +281,10 @@ def test_expected_macs_are_those_of_the_directions_in_which_a_shape_errs(augment
         replace(mode, frequency_cov=None, shape_sd=None) for mode in data.modes
     ))  # fmt: skip
     data = replace(data, covariance=covariance)
-    error = bs.ErrorModel(1e-6, 1e-6)
-    joint = bs.ModelClass("joint", augmented, data, error, pairing=PAIRING)
+    joint = bs.ModelClass("joint", augmented, data, bs.ErrorModel(1e-6, 1e-6), pairing=PAIRING)
     values = drawn(joint)
     likelihood = joint.likelihoods[0]
-    modes = likelihood.compared_modes(values)
-    result = misfit(likelihood, values, modes, np.random.default_rng(0))
+    result = misfit(likelihood, values, likelihood.compared_modes(values), np.random.default_rng(0))
     exact = 0.5 * np.array([1e-6 * chi2.ppf(0.95, 2), 1e-4 * chi2.ppf(0.95, 1)])
     np.testing.assert_allclose(result.expected_macs[:, 0], (1.0 - exact[0]) ** 2, atol=1e-9)
     np.testing.assert_allclose(result.expected_macs[:, 1], (1.0 - exact[1]) ** 2, atol=1e-9)

@@ -91,8 +91,7 @@ def test_quadrature_of_the_definition(d, shape_sd):
         return math.exp(-(1.0 - math.cos(t)) / shape_sd**2) * math.sin(t) ** (d - 2)
 
     breaks = [b for b in shape_sd * np.array([1.0, 3.0, 6.0, 12.0]) if b < 0.5 * math.pi]
-    ends = [0.0, *breaks, 0.5 * math.pi]
-    pieces = [quad(integrand, a, b, epsabs=0.0) for a, b in pairwise(ends)]
+    pieces = [quad(integrand, a, b, epsabs=0.0) for a, b in pairwise([0.0, *breaks, 0.5 * math.pi])]
     integral = sum(value for value, _ in pieces)
     area = 2.0 * math.pi ** ((d - 1) / 2) / math.gamma((d - 1) / 2)
     assert normaliser(shape_sd, d) == pytest.approx(math.log(2.0 * area * integral), abs=1e-8)

@@ -188,14 +188,12 @@ class Rounded(bs.ShearBuilding3D):
 def test_a_mode_that_moves_the_sensors_by_rounding_alone_resembles_no_shape(measured, pairing):
     """Modes in y, nearly as frequent as those in x, of which shapes are identified."""
     k = bs.Parameter("k", bs.LogNormal(1.0, 0.3))
-    stiffnesses = [(s * k, 60.0) for s in (90.0, 90.9, 500.0)]
-    building = Rounded((2.0, 1.0), (1.0,) * 2, *stiffnesses)
+    building = Rounded((2.0, 1.0), (1.0,) * 2, *[(s * k, 60.0) for s in (90.0, 90.9, 500.0)])
     sensors = tuple(f"floor {floor} {axis}" for axis in measured for floor in (1, 2))
     in_x = [0.5, 0.8, *[NAN] * (len(sensors) - 2)]
     modes = (bs.IdentifiedMode("1", 0.65, in_x), bs.IdentifiedMode("2", 0.66, in_x))
     data = bs.ModalData(modes, (0.0, 1.0), sensors)
-    error = bs.ErrorModel(0.01, 0.3)
-    candidate = bs.ModelClass("c", building, data, error, pairing=pairing)
+    candidate = bs.ModelClass("c", building, data, bs.ErrorModel(0.01, 0.3), pairing=pairing)
     log_likelihoods = candidate.log_likelihood(np.ones((200, 1)))
     np.testing.assert_allclose(log_likelihoods, log_likelihoods[0], rtol=1e-12)
     distances = candidate.likelihoods[0].compared_modes(np.ones((1, 1))).shape_distances
@@ -267,8 +265,7 @@ def test_unpaired_modes_are_at_edges_other_than_zero(band, pairing, error, at_ed
 def test_identification_errors_widen_the_edge(end, near):
     # A mode that was not identified would have had the mean square error of those that were:
     # 2 √(0.01² + (0.03² + 0.02²)/3) = 0.0462.
-    at_edge = at_band_edge((0.0, end * UPPER_HZ), {"1": 1}, own=(0.03, None, 0.02))
-    assert at_edge[0] == [False, near]
+    assert at_band_edge((0.0, end * UPPER_HZ), {"1": 1}, own=(0.03, None, 0.02))[0] == [False, near]
 
 
 def test_the_edge_follows_an_inferred_error():

@@ -38,8 +38,7 @@ def weights(log_ratios, frequencies_hz=None, model_hz=None):
 
 
 def random_weights(seed, n_rows, n_data, n_model, spread=3.0):
-    ratios = np.random.default_rng(seed).normal(0.0, spread, (n_rows, n_data, n_model))
-    return weights(ratios)
+    return weights(np.random.default_rng(seed).normal(0.0, spread, (n_rows, n_data, n_model)))
 
 
 def matchings(n_data, n_model):

@@ -90,8 +90,7 @@ def test_one_configuration_with_a_name_is_the_class_without(draws):
 
 
 def test_parameters_of_structures_come_first_each_once():
-    candidate = joint(error=bs.ErrorModel())
-    assert candidate.parameter_names == ("k", "dm", "frequency_cov", "shape_sd")
+    assert joint(error=bs.ErrorModel()).parameter_names == ("k", "dm", "frequency_cov", "shape_sd")
 
 
 def test_digest_depends_on_names_and_data_but_not_on_order():
@@ -253,8 +252,7 @@ def test_bad_input_is_refused_in_one_line(make, error, message):
     ],
 )  # fmt: skip
 def test_classes_of_different_tests_are_not_compared(change, where):
-    other = joint("other", configurations=change(joint().configurations))
-    study = bs.Study("s", [joint(), other])
+    study = bs.Study("s", [joint(), joint("other", configurations=change(joint().configurations))])
     message = f"model classes 'both' and 'other' explain different data{where}"
     with pytest.raises(ValueError, match=re.escape(message)):
         study.require_same_data()

@@ -19,8 +19,7 @@ def test_the_correct_model_fits_the_study_exactly(model_classes):
     exact = -0.1 + 4.0 * math.log(0.95 / (0.01 * math.sqrt(2.0 * math.pi)))
     exact -= sum(math.log(f) for f in (0.98275928, 2.6042925, 3.00473295, 3.98405175))
     exact -= 4.0 * math.log(4.0 * math.pi * 0.0025)
-    total = model_classes["3"].log_likelihood(np.ones((1, 4)))
-    assert total[0] == pytest.approx(exact, abs=1e-6)
+    assert model_classes["3"].log_likelihood(np.ones((1, 4)))[0] == pytest.approx(exact, abs=1e-6)
 
 
 def test_default_errors_come_after_the_structure(augmented, case_c):
@@ -45,8 +44,7 @@ def test_pickling(model_classes):
     """Before and after its use."""
     whole, values = model_classes["3"], np.ones((1, 4))
     for copy in (pickle.loads(pickle.dumps(whole)) for _ in range(2)):
-        expected = whole.log_likelihood(values)
-        np.testing.assert_array_equal(copy.log_likelihood(values), expected)
+        np.testing.assert_array_equal(copy.log_likelihood(values), whole.log_likelihood(values))
         assert copy.parameters == whole.parameters
         assert copy.data.digest == whole.data.digest
 

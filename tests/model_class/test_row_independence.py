@@ -118,8 +118,7 @@ def test_rows_with_joint_errors(error, pairing):
     data = replace(data, covariance=factor @ factor.T)
     if pairing == "given":
         pairing = {str(number): number for number in (1, 2, 3)}
-    model_class = bs.ModelClass("rows", structure, data, error, pairing=pairing)
-    assert_rows_are_independent(model_class)
+    assert_rows_are_independent(bs.ModelClass("rows", structure, data, error, pairing=pairing))
 
 
 @pytest.mark.parametrize("joint", [(), "b", "ab"], ids=["independent", "one joint", "two joint"])

@@ -34,8 +34,7 @@ def factor(name, cov=0.2):
 
 
 def any_data(floors=FLOORS, **sizes):
-    modes = (bs.IdentifiedMode("1", 1.0, np.ones(len(floors)), **sizes),)
-    return bs.ModalData(modes, BAND, floors)
+    return bs.ModalData((bs.IdentifiedMode("1", 1.0, np.ones(len(floors)), **sizes),), BAND, floors)
 
 
 def model_class(name, structure, frequency_cov=0.01, data=None, **more):
@@ -70,8 +69,7 @@ def planned(study, names=FLOORS):
 
 def simulated_plan(classes, n_tests, n_draws, seed):
     """Of layouts of two sensors."""
-    free = tuple(range(len(classes[0].candidates)))
-    layouts = layout_values.served_layouts((), free, 2, seed)
+    layouts = layout_values.served_layouts((), tuple(range(len(classes[0].candidates))), 2, seed)
     return layout_values.SimulatedPlan.of(classes, layouts, n_tests, n_draws, seed)
 
 
@@ -198,8 +196,7 @@ def test_a_parameter_of_one_frequency_has_a_closed_form():
     study = bs.Study("one", [model_class("one", structure, 0.03, data, identification=sure)])
     plan = bs.plan(study, 1, aim="k", n_tests=400, n_draws=200)
     sd = math.sqrt(math.log(1.0 + 0.3**2))
-    exact = 0.5 * math.log(1.0 + (0.5 * sd / 0.03) ** 2)
-    assert plan.best.gain == pytest.approx(exact, abs=0.02)
+    assert plan.best.gain == pytest.approx(0.5 * math.log(1.0 + (0.5 * sd / 0.03) ** 2), abs=0.02)
 
 
 def test_a_greedy_search_finds_what_all_layouts_hold(two_classes, whole, monkeypatch):
@@ -295,8 +292,7 @@ def test_classes_without_a_rival_or_with_correlated_errors_are_refused(two_class
 
 def test_layouts_are_drawn_in_space(two_classes, whole, small):
     with figures_for_files():
-        drawn = plot_layout(whole)
-        assert {text.get_text().strip() for text in drawn.texts} == {*FLOORS, *"xyz"}
+        assert {text.get_text().strip() for text in plot_layout(whole).texts} == {*FLOORS, *"xyz"}
         places = [
             bs.Candidate(name, name, coordinates=(i, 0, i), direction=(1, 0, 0))
             for i, name in enumerate(FLOORS)

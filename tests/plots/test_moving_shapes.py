@@ -279,14 +279,12 @@ def test_the_script_moves_and_turns_shapes_and_prints_them_still(calm):
         capture_output=True, text=True, timeout=60, check=True,
     )  # fmt: skip
     shown = json.loads(done.stdout)
-    frames = [np.array(frame[-1][1:3]) for frame in shown["frames"] if frame]
-    still, *moving = frames
+    still, *moving = [np.array(frame[-1][1:3]) for frame in shown["frames"] if frame]
     # Turned by 0.5 and tilted by 0.35, a displacement of 0.28 along x is seen from there.
     half = 0.28, np.cos(0.35) + 0.14
     scale = min(400 / half[0], 300 / half[1]) / 2.1
     right, away = 0.28 * np.cos(0.5), -0.28 * np.sin(0.5)
-    up = np.cos(0.35) + away * np.sin(0.35)
-    expected = np.array([200 + scale * right, 150 - scale * up])
+    expected = np.array([200 + scale * right, 150 - scale * (np.cos(0.35) + away * np.sin(0.35))])
     np.testing.assert_allclose(still, expected, atol=0.01)
     if calm:
         assert shown["playing"] == 1  # since the space bar was pressed

@@ -42,8 +42,7 @@ def labels_of(ax):
 
 
 def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_probability(draw):
-    probabilities = (0.001, 0.002, 0.3, 0.05, 0.0, 0.6)
-    ax = draw(places_in_space(probabilities, (X, Z)), GEOMETRY)
+    ax = draw(places_in_space((0.001, 0.002, 0.3, 0.05, 0.0, 0.6), (X, Z)), GEOMETRY)
     structure, dots, *arrows = ax.collections
     assert len(structure._segments3d) == 1
     assert dots.get_label() == "improbable place"
@@ -59,8 +58,7 @@ def test_arrows_have_the_direction_of_their_places_and_the_colour_of_their_proba
     assert [text.get_text() for text in ax.texts] == ["x", "y", "z"]
     assert "probability of an appendage" in {each.get_xlabel() for each in ax.figure.axes}
     assert labels_of(ax) == ["improbable place", "place and direction"]
-    hover = [arrow.get_gid() for arrow in arrows]
-    assert hover[-1] == "hover: pendulum p5: probability 0.6000"
+    assert arrows[-1].get_gid() == "hover: pendulum p5: probability 0.6000"
 
 
 @pytest.mark.parametrize("far", [(9.0, 0.0, 0.0), (9.0, 0.0, 60.0), (9.0, 9.0, 1.0), (0.1, 0, 0)])
@@ -76,8 +74,7 @@ def test_nothing_of_a_map_is_cut_off(far):
 
 def test_a_map_has_one_scale_in_all_directions(draw):
     ax = draw(places_in_space((0.1, 0.2, 0.7)), GEOMETRY)
-    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
-    ratio = ax._box_aspect / np.diff(limits)[:, 0]
+    ratio = ax._box_aspect / np.diff(np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]))[:, 0]
     np.testing.assert_allclose(ratio, ratio[0])
 
 

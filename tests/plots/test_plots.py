@@ -210,8 +210,7 @@ def test_shapes_beside_identified_ones(updated, case_c):
 
 
 def test_units_stand_beside_the_names_of_parameters(make_posterior):
-    units = {"k2": "N/m"}
-    corner = plot_corner(make_posterior("a"), units=units)
+    corner = plot_corner(make_posterior("a"), units={"k2": "N/m"})
     assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}
 
 

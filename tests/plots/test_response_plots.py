@@ -95,8 +95,7 @@ def test_the_mac_matrix_is_written_out():
 def identified():
     sensors, rng = ("floor 1", "floor 2", "floor 3"), np.random.default_rng(0)
     building, sizes = with_infill(), {"duration_s": 300.0, "rate_hz": 20.0}
-    record = simulated_record(building, sensors, rng, damping=0.01, **sizes)
-    return bs.identify(record, (0.6, 4.6))
+    return bs.identify(simulated_record(building, sensors, rng, damping=0.01, **sizes), (0.6, 4.6))
 
 
 def test_spectra_and_poles_have_the_modes_with_their_90_percent_widths(identified):
@@ -124,8 +123,7 @@ def test_means_of_residuals_are_within_bands(identified):
     ax = plot_whitened_residuals(identified)
     ends = bands[0].frequencies_hz[0], bands[-1].frequencies_hz[-1]
     np.testing.assert_array_equal(ax.get_xlim(), ends)
-    lines = ax.lines
-    means = [line.get_xdata() for line in lines if line.get_color() == ORANGE]
+    means = [line.get_xdata() for line in ax.lines if line.get_color() == ORANGE]
     assert len(means) == len(bands)
     for line, band in zip(means, bands, strict=True):
         assert line[0] >= band.frequencies_hz[0]
