@@ -58,23 +58,20 @@ def test_p_values_of_right_classes_are_uniform(frame, case_c, pairing):
     error = bs.ErrorModel(
         bs.Parameter("cov", bs.LogNormal(0.005, 0.3)), bs.Parameter("sd", bs.LogNormal(0.03, 0.3))
     )
-    pairs = {"1": 1, "2a": 2, "2b": 3}
-    candidate = bs.ModelClass("right", frame, case_c, error, pairing=pairs)
+    candidate = bs.ModelClass("right", frame, case_c, error, pairing={"1": 1, "2a": 2, "2b": 3})
     rng = np.random.default_rng(4)
     n_sets, found = 200, []
     for _ in range(n_sets):
         values, data = simulated(candidate, rng)
         test = replace(candidate.configurations[0], data=data, pairing=pairing)
-        own = replace(candidate, configurations=[test])
-        found.append(at(own, values, rng))
+        found.append(at(replace(candidate, configurations=[test]), values, rng))
     of_parts = [
         *([row.modes[i].misfit.p_value for row in found] for i in range(3)),
         *([row.parameters[i].misfit.p_value for row in found] for i in range(5)),
     ]
     for p in of_parts:
         for limit in (0.05, 0.2, 0.5, 0.8):
-            n = int((np.array(p) < limit).sum())
-            assert 1e-5 < binom.cdf(n, n_sets, limit) < 1.0 - 1e-5
+            assert 1e-5 < binom.cdf(int((np.array(p) < limit).sum()), n_sets, limit) < 1.0 - 1e-5
     overall = np.array([row.overall.p_value for row in found])
     # The harmonic mean of few p-values exceeds its level by a tenth.
     assert binom.sf(int((overall < INADEQUATE).sum()) - 1, n_sets, 1.1 * INADEQUATE) > 1e-3
@@ -190,8 +187,7 @@ def test_a_factor_on_all_frequencies_is_that_of_the_model_at_its_medians(model_c
 
 def test_a_wrong_pairing_is_named(frame, fixed_error):
     data = exact_modes(frame, frame.degrees_of_freedom, (0.0, 6.0))
-    wrong = {"1": 1, "2": 3, "3": 2}
-    candidate = bs.ModelClass("frame", frame, data, fixed_error, pairing=wrong)
+    candidate = bs.ModelClass("frame", frame, data, fixed_error, pairing={"1": 1, "2": 3, "3": 2})
     words = "mode '2' seems to be model mode 2, not model mode 3; "
     words += "mode '3' seems to be model mode 3, not model mode 2"
     ranking = bs.rank(bs.Study("wrong pairing", [candidate]), settings=ROUGH)
@@ -203,11 +199,10 @@ def test_a_profile_that_no_class_allows_for(infill, case_c, fixed_error):
     k = STOREY_STIFFNESS * multiplier("k")
     soft = bs.ShearBuilding((1.0, 1.0, 1.0), (k, k, 0.5 * k)).with_element(infill)
     pairing = {"1": 1, "2a": 2, "2b": 3, "3": 4}
-    studies = [
+    for study in [
         kept_study("four_storey_frame").only(["one factor"]),
         bs.Study("soft", [bs.ModelClass("soft", soft, case_c, fixed_error, pairing=pairing)]),
-    ]
-    for study in studies:
+    ]:
         assert bs.rank(study, settings=COARSE).comparison.best.misfit.endswith(
             "Likely cause: wrong channel order, wrong units, wrong pairing, or a structure nobody "
             "wrote down"
@@ -260,8 +255,7 @@ def test_tests_that_differ_by_more_than_repeated_errors_allow(between_tests, is_
         for name, f in (("May", 1.01), ("June", 0.99))
     ]  # fmt: skip
     error = bs.ErrorModel(0.01, 0.05, between_tests)
-    candidate = bs.ModelClass("differ", configurations=tests, error=error)
-    found = at(candidate, np.array([[1.0]]))
+    found = at(bs.ModelClass("differ", configurations=tests, error=error), np.array([[1.0]]))
     assert found.is_adequate == is_adequate
     assert all(mode.misfit.sds == pytest.approx(1.0, abs=0.02) for mode in found.modes)
 
@@ -362,8 +356,7 @@ def test_fishers_combination_of_those_that_count():
     counted = np.array([[True, True, False], [True, True, True]])
     expected = [chi2.sf(-2.0 * math.log(0.02), 4), chi2.sf(-2.0 * math.log(0.00015), 6)]
     np.testing.assert_allclose(np.exp(log_joint(np.log(p), counted)), expected)
-    none = log_joint(np.full((1, 2), np.nan), np.zeros((1, 2), dtype=bool))
-    assert none.tolist() == [0.0]
+    assert log_joint(np.full((1, 2), np.nan), np.zeros((1, 2), dtype=bool)).tolist() == [0.0]
     far = log_joint(np.array([[-5000.0, -3000.0], [-np.inf, 0.0]]), np.ones((2, 2), dtype=bool))
     assert far[0] == pytest.approx(-8000.0 + math.log(8001.0))
     assert far[1] < -1e299

@@ -55,8 +55,7 @@ def test_evidence_and_summary_are_those_of_quadrature(posterior):
     assert row.sd == pytest.approx(sd, abs=4.0 * row.sd_error)
     assert row.mean_error < 0.05 * sd
     assert row.sd_error < 0.05 * sd
-    of_draws = (row.quantile_05, row.median, row.quantile_95)
-    assert of_draws == pytest.approx(quantiles, abs=0.1 * sd)
+    assert (row.quantile_05, row.median, row.quantile_95) == pytest.approx(quantiles, abs=0.1 * sd)
 
 
 def test_the_other_fields_of_a_posterior(posterior):
@@ -114,8 +113,7 @@ class WithoutModes(bs.Structure):
 
 def test_a_model_that_breaks_down_in_places_is_reported():
     whole = one_mass()
-    broken = replace(whole, structure=WithoutModes(whole.parameters, limit=0.9))
-    result = bs.sample(broken, seed=1)
+    result = bs.sample(replace(whole, structure=WithoutModes(whole.parameters, limit=0.9)), seed=1)
     (check,) = result.failed_checks
     number = r"[0-9.e+-]+"
     assert re.fullmatch(
@@ -200,8 +198,7 @@ def test_draws_are_the_walkers_of_emcee_step_by_step(monkeypatch):
     monkeypatch.setattr(engine, "run_ensembles", recorded)
     k1, k2 = (bs.Parameter(name, bs.LogNormal(1.0, 1.0)) for name in ("k1", "k2"))
     building = bs.ShearBuilding((1.0, 1.0), (STIFFNESS * k1, STIFFNESS * k2))
-    modes = (bs.IdentifiedMode("1", 0.35), bs.IdentifiedMode("2", 1.6))
-    data = bs.ModalData(modes, (0.0, 3.0))
+    data = bs.ModalData((bs.IdentifiedMode("1", 0.35), bs.IdentifiedMode("2", 1.6)), (0.0, 3.0))
     pairing = {"1": 1, "2": 2}
     exchange = bs.ModelClass("exchange", building, data, bs.ErrorModel(0.01), pairing=pairing)
     posterior = bs.sample(exchange)
@@ -239,7 +236,6 @@ def test_draws_of_chains_that_do_not_mix_have_the_shares_of_the_regions():
     assert draws.shape == (1, chains[..., 0].size, 2)
     small = sampled.region_shares.min()
     assert small == pytest.approx(0.1, abs=4.0 * sampled.region_errors.max())
-    share = np.mean(draws[0, :, 0] < 0.0)
-    assert share == pytest.approx(small, abs=1.0 / draws.shape[1])
+    assert np.mean(draws[0, :, 0] < 0.0) == pytest.approx(small, abs=1.0 / draws.shape[1])
     assert abs(np.mean(chains[..., 0] < 0.0) - small) > 3.0 / draws.shape[1]
     np.testing.assert_allclose(log_likelihoods[0], two_bumps()(draws[0]), atol=1e-9)

@@ -46,8 +46,7 @@ class Stiff(ApproximateStructure):
 @pytest.fixture(scope="module")
 def of_class(frame, case_c, fixed_error):
     def made(structure):
-        pairing = {"1": 1, "2a": 2, "3": 3}
-        return bs.ModelClass("a", structure, case_c, fixed_error, pairing=pairing)
+        return bs.ModelClass("a", structure, case_c, fixed_error, pairing={"1": 1, "2a": 2, "3": 3})
 
     made.frame = frame
     return made
@@ -133,8 +132,7 @@ def test_only_mistakes_that_gain_are_solved_exactly(of_class, is_exchanged, n_th
         modes = (*others, replace(third, shape=third.shape[[1, 0, 2]]))
         test = replace(test, data=replace(test.data, modes=modes))
         candidate = replace(candidate, configurations=(test,))
-    posterior = sample_as_it_is(candidate, settings=SETTINGS)
-    assert len(diagnose(candidate, posterior)) == is_exchanged
+    assert len(diagnose(candidate, sample_as_it_is(candidate, settings=SETTINGS))) == is_exchanged
     assert len(solved) == n_that_gain
 
 

@@ -29,8 +29,7 @@ def test_frequencies_and_macs(model_classes, case_c, values, updated):
     frequencies, shapes = model_classes["3"].structure.modes(values)
     for i, (label, mode) in enumerate(zip(case_c.labels, updated.modes, strict=True)):
         assert (mode.label, mode.model_mode) == (label, i + 1)
-        expected = np.quantile(frequencies[:, i], [0.05, 0.5, 0.95])
-        assert mode.after_hz == pytest.approx(expected)
+        assert mode.after_hz == pytest.approx(np.quantile(frequencies[:, i], [0.05, 0.5, 0.95]))
         result = [
             mac(shape[:3, i : i + 1], case_c.unit_shapes[:, i : i + 1])[0, 0] for shape in shapes
         ]

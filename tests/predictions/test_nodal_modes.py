@@ -152,8 +152,7 @@ class Fixed(bs.Structure):
         self.scale = scale
 
     def modes(self, values):
-        frequencies = self.scale * NOMINAL * (1.0 + 1e-9 * values)
-        return bs.Modes(frequencies, np.ones((len(values), 1, 3)))
+        return bs.Modes(self.scale * NOMINAL * (1.0 + 1e-9 * values), np.ones((len(values), 1, 3)))
 
 
 def configurations(identified, frequency_cov):

@@ -179,8 +179,7 @@ def test_draws_of_a_large_structure_are_computed_in_batches(predicted, monkeypat
         return modal_model(self, values)
 
     monkeypatch.setattr(type(each.structure), "modal_model", counted)
-    small = 30 * 4 * 2 * 7
-    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", small)
+    monkeypatch.setattr("bayes_ssi.results.predictions.posterior_draws.ARRAY_SIZE", 30 * 4 * 2 * 7)
     again = predicted.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws
     assert sizes == [7] * 28 + [4]
     np.testing.assert_allclose(again, whole, rtol=1e-12)
@@ -197,8 +196,7 @@ def test_an_average_is_a_mixture(average, classes, posteriors):
     ]
     expected = np.quantile(np.concatenate(parts), [0.025, 0.5, 0.975])
     np.testing.assert_allclose(actual.frequencies_hz("1").band(0.95), expected, rtol=1e-12)
-    response = actual.transfer_functions(FREQUENCIES, ACCELERATION, 0.02)
-    assert response.draws.shape == (400, 2, 30)
+    assert actual.transfer_functions(FREQUENCIES, ACCELERATION, 0.02).draws.shape == (400, 2, 30)
 
 
 def test_shares_are_rounded_to_the_number_of_draws(average):

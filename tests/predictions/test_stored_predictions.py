@@ -156,8 +156,7 @@ study = bs.Study("Two tests", [
 ])
 """, "utf-8")  # fmt: skip
     ranking = bs.rank(bs.load_study(path), settings=searches.COARSE)
-    directory = path.with_suffix("")
-    return bs.save_result(ranking, directory, study_file=str(path)).directory, ranking
+    return bs.save_result(ranking, path.with_suffix(""), study_file=str(path)).directory, ranking
 
 
 def test_several_configurations_each_predict_their_own(of_two_tests):

@@ -51,8 +51,7 @@ def test_closed_forms(tiny_result):
 def test_against_sampling_with_the_changed_settings(tiny_result, tiny_study):
     """Prior and error size at once; the prior concerns one class alone."""
     prior = bs.LogNormal(1.1, 0.2)
-    settings = bs.ChangedSettings(priors={"k2": prior}, frequency_cov=0.025)
-    answer = bs.what_if(tiny_result, settings)
+    answer = bs.what_if(tiny_result, bs.ChangedSettings(priors={"k2": prior}, frequency_cov=0.025))
     for candidate in tiny_study.model_classes:
         again = bs.ModelClass(
             candidate.name, candidate.structure, candidate.data,

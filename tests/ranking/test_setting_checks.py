@@ -21,8 +21,7 @@ K = (2.0 * math.pi) ** 2
 
 def frequencies_of(n_storeys):
     """Of a uniform shear building of n storeys with k = m (2π)², in closed form."""
-    i = np.arange(1, n_storeys + 1)
-    return 2.0 * np.sin((2 * i - 1) * math.pi / (2 * (2 * n_storeys + 1)))
+    return 2.0 * np.sin((2 * np.arange(1, n_storeys + 1) - 1) * math.pi / (2 * (2 * n_storeys + 1)))
 
 
 def building(n_storeys, factor, name="building", prior=None):

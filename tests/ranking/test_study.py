@@ -95,11 +95,9 @@ def test_progress_names_class_and_step(tiny_study, monkeypatch):
 
     monkeypatch.setattr("bayes_ssi.studies.search.approximate_evidence._screened", screen)
     seen = []
-    run = bs.Run(progress=lambda *call: seen.append(call))
-    bs.rank(tiny_study, settings=COARSE, run=run)
+    bs.rank(tiny_study, settings=COARSE, run=bs.Run(progress=lambda *call: seen.append(call)))
     # Last, whether an appendage on the most probable class explains the data as well.
-    names = list(dict.fromkeys(name for name, _, _ in seen))
-    assert names == ["one k", "each k", "all hypotheses"]
+    assert list(dict.fromkeys(name for name, _, _ in seen)) == ["one k", "each k", "all hypotheses"]
     assert [call for call in seen if call[0] == "each k"][-1] == ("each k", "evidence", 1.0)
     assert seen[-1][2] == pytest.approx(1.0)
 
@@ -108,8 +106,7 @@ def test_progress_names_class_and_step(tiny_study, monkeypatch):
 
 
 def draws(seed, centre, n):
-    rng = np.random.default_rng(seed)
-    return np.array(centre) * np.exp(0.3 * rng.standard_normal((4, 250, n)))
+    return np.array(centre) * np.exp(0.3 * np.random.default_rng(seed).standard_normal((4, 250, n)))
 
 
 @pytest.fixture
@@ -175,8 +172,7 @@ def test_loading_a_file_writes_none(tiny_study_file):
 def test_a_study_may_define_dataclasses(tiny_study_file):
     text = tiny_study_file.read_text()
     head = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
-    body = "\n@dataclass\nclass Storey:\n    height: float\n"
-    tiny_study_file.write_text(head + text + body)
+    tiny_study_file.write_text(head + text + "\n@dataclass\nclass Storey:\n    height: float\n")
     assert load_study(tiny_study_file).name == "Two storeys"
 
 
@@ -270,5 +266,4 @@ study = bs.Study("s", [bs.ModelClass("c", structure, data, pairing={"1": 1})])
     place = r"at k = 1: ZeroDivisionError: division by zero \(s\.py, line 4\)$"
     with pytest.raises(ValueError, match=place):
         candidate.check_structure()
-    failures = evaluate(candidate.log_likelihood_at, np.zeros((1, 3))).failures
-    assert re.search(place, failures[0])
+    assert re.search(place, evaluate(candidate.log_likelihood_at, np.zeros((1, 3))).failures[0])

@@ -184,8 +184,7 @@ def test_parts_of_a_record_that_are_used(samples):
     assert second.share == pytest.approx(1.0 - 1000 / (N / 2))
     assert first.share == pytest.approx(np.mean(motion.pieces[: N // 2] ** 2))
     for half in (first, second):
-        matrix = half.spectra(0.95, 1.05, 0.05).matrices[0]
-        assert abs(np.angle(matrix[0, 1])) < 0.02
+        assert abs(np.angle(half.spectra(0.95, 1.05, 0.05).matrices[0, 0, 1])) < 0.02
 
 
 def test_where_all_sensors_measured_nothing_nothing_is_identified(samples):
@@ -197,8 +196,7 @@ def test_where_all_sensors_measured_nothing_nothing_is_identified(samples):
 def test_sensors_that_are_all_clipped_stay(samples):
     """Nothing tells which of them would be right without the others."""
     limits = 2.0 * samples.std(1, keepdims=True)
-    rows = samples.clip(-limits, limits)
-    record = bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2")
+    record = bs.Record(samples.clip(-limits, limits), RATE, ("a", "b"), "acceleration", "m/s2")
     assert usable_motion(record, BAND, "").left_out == {}
     # Of a normal variable 4.55 % are beyond two standard deviations.
     shares = [float(text.split("; ")[1].split(" %")[0]) for text in record.warnings()]

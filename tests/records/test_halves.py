@@ -94,15 +94,13 @@ def test_one_mode_whose_shape_changes_is_no_pair():
 
 def test_short_records_have_no_halves():
     """Of 100 cycles each."""
-    found = identified(samples(0, 1.0)[:, :2000], samples(1, 1.04)[:, :2000])
-    assert not said(found)
+    assert not said(identified(samples(0, 1.0)[:, :2000], samples(1, 1.04)[:, :2000]))
 
 
 def test_a_clock_of_another_rate_is_said():
     """A ten-thousandth over 20 minutes: 60 ms from the middle of one half to that of the other."""
     names = ("floor 1", "floor 2", "floor 3")
-    rng = np.random.default_rng(1)
-    record = simulated_record(with_infill(), names, rng)
+    record = simulated_record(with_infill(), names, np.random.default_rng(1))
     times = np.arange(record.n_samples) / record.rate_hz
     skewed = record.samples.copy()
     skewed[1] = np.interp(times * (1.0 - 1e-4), times, skewed[1])

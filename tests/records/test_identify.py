@@ -157,8 +157,7 @@ def test_a_sensor_that_is_too_late_to_be_set_right_fails_a_check():
 
 def test_sensors_that_are_late_make_no_pair_and_are_set_right():
     """Delays of 15 and -8 ms: 16 degrees at the fourth mode."""
-    record = simulated(0, duration_s=400.0)
-    late = delayed(record, [0.015, 0.0, -0.008])
+    late = delayed(simulated(0, duration_s=400.0), [0.015, 0.0, -0.008])
     result = bs.identify(late, BAND, at=TRUTH.frequencies_hz)
     assert all_errors_within_four(result.quoted)
     assert max(peak.probability_of_two or 0.0 for peak in result.peaks) < 0.05
@@ -218,8 +217,7 @@ def shaken(seed, n=12_000, starts=(20.0, 90.0, 130.0)):
     h = 1.0 / (1.0 - beta**2 - 0.04j * beta)
     # Relative to the ground, and with it.
     amplification = 1.0 - (h * model.participation[0]) @ at_sensors.T
-    rows = np.vstack([lines, amplification.T * lines])
-    samples = np.fft.irfft(rows, 2 * n)[:, :n]
+    samples = np.fft.irfft(np.vstack([lines, amplification.T * lines]), 2 * n)[:, :n]
     samples += 0.01 * samples.std(1, keepdims=True) * rng.standard_normal(samples.shape)
     return bs.Record(samples, rate, ("ground", *SENSORS), "acceleration", "m/s2")
 
@@ -271,8 +269,7 @@ def test_a_clear_peak_without_a_mode_is_named():
 
 
 def test_modes_that_given_frequencies_leave_out_fail_a_check():
-    record = simulated(2, duration_s=600.0)
-    result = bs.identify(record, (2.2, 4.4), at=[2.8, 4.0])
+    result = bs.identify(simulated(2, duration_s=600.0), (2.2, 4.4), at=[2.8, 4.0])
     assert result.failed_checks
     assert len(result.modes) == 2
 
@@ -304,8 +301,7 @@ def test_two_shapes_at_one_frequency_are_two_modes(seed):
     recursion = [1.0, -2.0 * pole.real, abs(pole) ** 2]
     modal = lfilter([1.0, -2.0, 1.0], recursion, rng.standard_normal((2, n)) * [[1.0], [0.7]])
     samples = directions @ modal + 0.05 * rng.standard_normal((4, n))
-    record = bs.Record(samples, rate, tuple("abcd"), "acceleration", "g")
-    result = bs.identify(record, (1.45, 2.7))
+    result = bs.identify(bs.Record(samples, rate, tuple("abcd"), "acceleration", "g"), (1.45, 2.7))
     assert not result.failed_checks
     (peak,) = result.peaks
     assert len(peak.frequencies_hz) == 2
@@ -426,8 +422,7 @@ def test_simple_methods_find_the_modes(method):
     """To a line or two of their spectra: 0.012 Hz and 0.03 Hz; shapes of the paper's quality."""
     found = method(simulated(3), BAND, near=TRUTH)
     np.testing.assert_allclose(found.frequencies_hz, TRUTH.frequencies_hz, atol=0.06)
-    cosines = np.abs((found.unit_shapes * TRUTH.shapes).sum(0))
-    assert cosines.min() ** 2 > 0.99
+    assert np.abs((found.unit_shapes * TRUTH.shapes).sum(0)).min() ** 2 > 0.99
     with pytest.raises(ValueError, match=r"the record lasts 30 s; from 0\.6 Hz on"):
         method(simulated(3, duration_s=30.0), BAND, near=TRUTH)
     twins = TRUTH._replace(frequencies_hz=TRUTH.frequencies_hz[[0, 0, 1]])
@@ -475,8 +470,7 @@ def test_a_peak_holds_two_modes_with_a_probability(mass, n_modes, low, high):
         assert len(given.modes) == 3  # modes given by hand are kept, and the doubt is said
         assert given.peaks[1].probability_of_two > 0.95
     else:
-        apart = truth.frequencies_hz[2] - truth.frequencies_hz[1]
-        assert apart < peak.resolution_hz
+        assert truth.frequencies_hz[2] - truth.frequencies_hz[1] < peak.resolution_hz
         assert "could not be told apart" in str(peak)
 
 

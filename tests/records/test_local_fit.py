@@ -88,8 +88,7 @@ def test_a_block_sees_the_mean_response_over_its_width():
     """Against quadrature of h = 1 / (1 - β² - 2iζβ), in blocks wider than the resonance."""
     data = data_of(np.zeros((5, R, R)), width=0.3)
     mode = Resonances(np.array([2.01]), np.array([0.004]), np.ones((1, 1), complex))
-    means = mode.responses(data)[:, 0]
-    for centre, mean in zip(data.frequencies_hz, means, strict=True):
+    for centre, mean in zip(data.frequencies_hz, mode.responses(data)[:, 0], strict=True):
 
         def h(f):
             beta = 2.01 / f
@@ -120,8 +119,7 @@ def test_the_slope_is_that_of_the_likelihood(drive_kind, has_phases):
     if not has_phases:
         model = with_real_shapes(model)
     usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
-    e = model.covariances(fitter.data)
-    steps = _Steps(fitter, model, e, has_phases, usual)
+    steps = _Steps(fitter, model, model.covariances(fitter.data), has_phases, usual)
 
     def misfit(step):
         return fitter.misfit(steps.moved(step).covariances(fitter.data))
@@ -212,8 +210,7 @@ def test_the_gain_by_a_mode_more_is_large_where_there_is_one():
     assert whole.log_evidence > fit.log_evidence + 10.0
     assert gain > 20.0
     np.testing.assert_array_equal(shape, second.shapes[:, 0])
-    far = second._replace(frequencies_hz=np.array([1.75]))
-    assert fitter.gain_of(whole, far)[0] < 15.0
+    assert fitter.gain_of(whole, second._replace(frequencies_hz=np.array([1.75])))[0] < 15.0
 
 
 def test_noise_is_what_no_other_channel_explains():
@@ -226,8 +223,7 @@ def test_noise_is_what_no_other_channel_explains():
     matrices = z @ z.conj().swapaxes(1, 2) / weight
     frequencies = np.linspace(1.0, 2.0, n_blocks)
     spectra = Spectra(frequencies, np.full(n_blocks, 0.01), np.full(n_blocks, 20.0), matrices)
-    scales = noise_scales(spectra)
-    np.testing.assert_allclose(scales[1:], [0.1, 0.3], rtol=0.1)
+    np.testing.assert_allclose(noise_scales(spectra)[1:], [0.1, 0.3], rtol=0.1)
     data = local_spectra(spectra, 2)
     # Directions and the rest together hold all channels.
     whole = np.concatenate([data.to_channels, data.rest_to_channels], axis=1)

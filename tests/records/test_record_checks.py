@@ -58,8 +58,7 @@ def test_a_sensor_is_dead_where_it_moves_by_rounding_alone(level):
     steps = np.random.default_rng(2).choice([-1.0, 0.0, 1.0], size=500)
     rows = level * (1.0 + np.outer([0.0, 20.0 * np.finfo(float).eps, 2.0**-31], steps))
     np.testing.assert_array_equal(moving(rows), [False, False, True])
-    zeros = np.zeros((1, 500))
-    assert not moving(zeros).any()
+    assert not moving(np.zeros((1, 500))).any()
 
 
 def often_held(row):
@@ -183,8 +182,7 @@ def test_a_machine_that_ran_for_a_while_is_no_line(sound):
 
 
 def test_copies_are_said_and_a_coarse_sensor_is_none(sound):
-    coarse = np.round(sound / sound.std(1, keepdims=True) * 20.0)
-    assert remarks_on(coarse, RATE, SENSORS) == []
+    assert remarks_on(np.round(sound / sound.std(1, keepdims=True) * 20.0), RATE, SENSORS) == []
     copied = np.array([sound[0], sound[1], sound[0], -sound[1]])
     assert remarks_on(copied, RATE, ("a", "b", "c", "d"))[:3] == [
         "sensor 'c': the same samples as sensor 'a'; which one is the copy?",

@@ -113,8 +113,7 @@ def csv(path, *, time=False):
     if time:
         del stated["rate_hz"]
         names, columns = ("time (s)", *NAMES), np.column_stack([TIMES, SAMPLES.T])
-    lines = [f"# {key}, {value}" for key, value in stated.items()]
-    head = "\n".join([*lines, ",".join(names)])
+    head = "\n".join([*(f"# {key}, {value}" for key, value in stated.items()), ",".join(names)])
     np.savetxt(path, columns, fmt="%.12g", delimiter=",", header=head, comments="")
     return path
 
@@ -127,14 +126,12 @@ def npz(path):
 def mat(path):
     from scipy.io import savemat
 
-    names = np.array(NAMES, dtype=object)
-    savemat(path, {"a": SAMPLES, "sensors": names, **STATED})
+    savemat(path, {"a": SAMPLES, "sensors": np.array(NAMES, dtype=object), **STATED})
     return path
 
 
 def hdf5(path):
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
+    with pytest.importorskip("h5py").File(path, "w") as file:
         dataset = file.create_dataset("setup 1/samples", data=SAMPLES)
         dataset.attrs.update(STATED)
         dataset.attrs["sensors"] = NAMES
@@ -157,8 +154,7 @@ def test_plain_numbers_need_what_they_do_not_state(tmp_path):
     path = tmp_path / "a.txt"
     np.savetxt(path, SAMPLES.T)
     given = {"rate_hz": RATE, "quantity": "velocity", "unit": "mm/s", "sensors": NAMES}
-    one = bs.read_record(path, **given)
-    np.testing.assert_array_equal(one.samples, SAMPLES)
+    np.testing.assert_array_equal(bs.read_record(path, **given).samples, SAMPLES)
     for missing, message in {
         "rate_hz": "rate_hz, the samples per second, is not given",
         "unit": "the unit of the samples is not given; give one of 'm/s'",

@@ -38,8 +38,7 @@ def test_white_noise_has_its_density_and_no_more_information_than_its_lines():
 
 def test_a_masked_record_has_the_same_density_and_less_information():
     """Half of white noise, under a mask with flanks: the density stays, lines count for half."""
-    rng = np.random.default_rng(5)
-    record = white_record(rng, 20_000)
+    record = white_record(np.random.default_rng(5), 20_000)
     mask = np.zeros(20_000)
     mask[:10_000] = 1.0
     whole, half = (
@@ -75,21 +74,18 @@ def test_velocities_and_displacements_become_accelerations():
     powers = []
     for quantity, (history, unit) in histories.items():
         record = bs.Record(np.array([history, 2.0 * history]), 20.0, ("a", "b"), quantity, unit)
-        data = transforms_of(record, (1.0, 1.6)).spectra(1.2, 1.4, 0.02)
-        powers.append(data.matrices.sum(0))
+        powers.append(transforms_of(record, (1.0, 1.6)).spectra(1.2, 1.4, 0.02).matrices.sum(0))
     np.testing.assert_allclose(powers[1], powers[0], rtol=0.01)
     np.testing.assert_allclose(powers[2], powers[0], rtol=0.01)
     np.testing.assert_allclose(powers[0][1, 1], 4.0 * powers[0][0, 0])
 
 
 def test_delays_are_removed():
-    rng = np.random.default_rng(2)
-    common = rng.standard_normal(4003)
+    common = np.random.default_rng(2).standard_normal(4003)
     both = np.array([common[3:], common[:-3]])
     record = bs.Record(both, 10.0, ("a", "b"), "acceleration", "m/s2")
     on_time = transforms_of(record, (1.0, 2.0)).turned(np.array([0.0, 0.3]))
-    data = on_time.spectra(1.0, 2.0, 0.02)
-    phases = np.angle(data.matrices[:, 0, 1])
+    phases = np.angle(on_time.spectra(1.0, 2.0, 0.02).matrices[:, 0, 1])
     np.testing.assert_allclose(phases, 0.0, atol=0.05)
 
 
@@ -106,8 +102,7 @@ def test_the_whiteness_of_few_tapers_scatters_as_allowed():
 
 
 def test_a_band_without_lines_is_refused():
-    rng = np.random.default_rng(3)
-    lines = transforms_of(white_record(rng), (1.0, 2.0))
+    lines = transforms_of(white_record(np.random.default_rng(3)), (1.0, 2.0))
     with pytest.raises(ValueError, match="the record has only 2 lines in the band"):
         lines.spectra(1.0, 1.045, 0.02)
 
@@ -124,8 +119,7 @@ def test_peaks_have_the_poles_of_their_modes():
     truth = truth_of(FRAME, SENSORS, damping)
     frequencies, dampings, macs = np.empty((3, 5, 3))
     for seed in range(5):
-        rng = np.random.default_rng(seed)
-        record = simulated_record(FRAME, SENSORS, rng, damping=damping)
+        record = simulated_record(FRAME, SENSORS, np.random.default_rng(seed), damping=damping)
         found = candidates(transforms_of(record, (0.4, 6.0)), 0.6, 4.6)
         for i, frequency in enumerate(truth.frequencies_hz):
             clear = np.array([peak.frequency_hz if peak.is_clear else 0.0 for peak in found.peaks])

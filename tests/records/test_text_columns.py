@@ -93,8 +93,7 @@ def written(folder, *lines, encoding="utf-8"):
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_format_is_read_as_it_is_meant(tmp_path, name):
     path = written(tmp_path, *FORMATS[name])
-    states = "mg" in "".join(FORMATS[name][:2])
-    one = bs.read_record(path, unit=None if states else "mg")
+    one = bs.read_record(path, unit=None if "mg" in "".join(FORMATS[name][:2]) else "mg")
     assert one.sensors == NAMES
     assert one.rate_hz == pytest.approx(RATE, rel=1e-6)
     assert (one.quantity, one.unit) == ("acceleration", "mg")
@@ -192,8 +191,7 @@ def test_what_cannot_be_read_is_one_line_with_the_cure(tmp_path, lines, words):
 
 
 def test_a_workbook(tmp_path):
-    openpyxl = pytest.importorskip("openpyxl", reason="pip install bayes_ssi[xlsx]")
-    book = openpyxl.Workbook()
+    book = pytest.importorskip("openpyxl", reason="pip install bayes_ssi[xlsx]").Workbook()
     book.active.append(["Notes"])
     sheet = book.create_sheet("data")
     from datetime import datetime, timedelta
@@ -206,8 +204,7 @@ def test_a_workbook(tmp_path):
     # Other programs leave out styles that have names.
     with ZipFile(tmp_path / "full.xlsx") as full, ZipFile(tmp_path / "a.xlsx", "w") as bare:
         for name in full.namelist():
-            content = re.sub(rb"<cellStyles.*</cellStyles>", b"", full.read(name))
-            bare.writestr(name, content)
+            bare.writestr(name, re.sub(rb"<cellStyles.*</cellStyles>", b"", full.read(name)))
     one = bs.read_record(tmp_path / "a.xlsx", keys=["data"])
     assert (one.sensors, one.unit, one.gaps) == (NAMES, "mg", ((29, 30),))
     assert one.rate_hz == pytest.approx(RATE)
@@ -252,8 +249,7 @@ def test_fields_of_matlab_structures(tmp_path):
     from scipy.io import savemat
 
     path = tmp_path / "a.mat"
-    names = np.array(NAMES, dtype=object)
-    first = {"acc": SAMPLES.T, "fs": RATE, "names": names}
+    first = {"acc": SAMPLES.T, "fs": RATE, "names": np.array(NAMES, dtype=object)}
     second = {"acc": SAMPLES[:2, :50], "t": np.arange(50) / 10.0, "unit": "mg"}
     savemat(path, {"data": first, "other": second})
     with pytest.raises(ValueError, match=r"'data\.acc', 'other\.acc' differ in length"):

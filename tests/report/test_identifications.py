@@ -128,16 +128,14 @@ def test_figures_are_copied_to_the_result(ranking, tmp_path):
     bs.save_result(ranking(with_figures), tmp_path / "r")
     (drawn / "singular_values.png").unlink()
     (kept,) = bs.load_result(tmp_path / "r").data.identifications
-    own = tmp_path / "r" / "data.figures" / "1_singular_values.png"
-    assert kept.figures == (str(own),)
+    assert kept.figures == (str(tmp_path / "r" / "data.figures" / "1_singular_values.png"),)
     text = bs.write_report(tmp_path / "r").read_text("utf-8")
     assert text.count("<figure ") == 1
     assert "Singular values of the record" in text
 
 
 def test_modes_of_unknown_origin_have_no_such_section(ranking, tmp_path):
-    shown = page_of(ranking(), tmp_path / "r").text
-    assert "From records to modes" not in shown
+    assert "From records to modes" not in page_of(ranking(), tmp_path / "r").text
     assert not list((tmp_path / "r").glob("*identification*"))
 
 
@@ -192,8 +190,7 @@ def test_sensors_at_odds_with_the_model_are_named():
     assert found["sentence"] == "Model and measurement are at odds at b (0.36)."
     assert co_mac(data_of([measured[0], None]), modes, draws) is None
     # A test of one sensor: its model has no shapes, for a single component says nothing of them.
-    unknown = np.full((20, 1, 2), np.nan)
-    assert co_mac(data_of([[1.0], [1.0]], ("a",)), modes, unknown) is None
+    assert co_mac(data_of([[1.0], [1.0]], ("a",)), modes, np.full((20, 1, 2), np.nan)) is None
 
 
 def test_sensors_that_no_paired_mode_was_measured_at_have_no_comac():

@@ -68,8 +68,7 @@ def test_the_page_holds_what_is_stored(page, tiny_ranking):
     for row in tiny_ranking.comparison.classes:
         assert f"{row.log_evidence:.3f} ± {row.error:.3f}" in shown
         assert row.probability_text in shown
-    posterior = next(p for p in tiny_ranking.posteriors if p.name == best.name)
-    for parameter in posterior.summary:
+    for parameter in next(p for p in tiny_ranking.posteriors if p.name == best.name).summary:
         ends = f"{parameter.median:.4g} ({parameter.quantile_05:.4g} to {parameter.quantile_95:.4g}"
         assert ends in shown
     # Quantiles of a lognormal of median 1 and c.o.v. 0.3: exp(±1.645 √ln 1.09).
@@ -144,8 +143,7 @@ def test_classes_that_are_not_distinguishable_and_their_remarks(make_posterior, 
     ranking = two_classes(make_posterior, remarks=(remark,))
     first, *others = ranking.comparison.classes
     setting = Check("setting", "the band's end hardly matters", fails=False)
-    rows = (replace(first, checks=(setting,)), *others)
-    comparison = replace(ranking.comparison, classes=rows)
+    comparison = replace(ranking.comparison, classes=(replace(first, checks=(setting,)), *others))
     page = page_of(replace(ranking, comparison=comparison), tmp_path / "r")
     shown = page.text
     assert "the data do not distinguish between class 'b*c_d' (probability 0.5498) and" in shown
@@ -198,8 +196,7 @@ def test_the_map_of_a_search_stands_next_to_the_answer(found_in_case_c, tmp_path
 
 def test_a_saved_figure_is_shown_at_its_size(tmp_path):
     with style():
-        figure = Figure(figsize=(2.5, 1.0))
-        figure.savefig(tmp_path / "drawn.png")
+        Figure(figsize=(2.5, 1.0)).savefig(tmp_path / "drawn.png")
     assert 'width="240"' in embedded_file(tmp_path / "drawn.png", "a figure").html
     (tmp_path / "drawn.png").write_bytes(b"\x89PNG")
     with pytest.raises(ValueError, match=r"drawn\.png: damaged: not a PNG file"):

@@ -90,8 +90,7 @@ def test_a_draw_does_not_depend_on_its_batch(augmented, values, n_places):
     output = Output("acceleration", FLOORS[:n_places])
     for response, given in ((time_histories, motion), (transfer_functions, np.arange(0.1, 9.0))):
         alone = [response(augmented, row[None], given, output, RATIOS)[0] for row in values]
-        together = response(augmented, values, given, output, RATIOS)
-        np.testing.assert_array_equal(together, alone)
+        np.testing.assert_array_equal(response(augmented, values, given, output, RATIOS), alone)
 
 
 def exact_history(structure, values, ratios, motion):
@@ -108,8 +107,7 @@ def exact_history(structure, values, ratios, motion):
     augmented[2 * n, 2 * n + 1] = 1.0
     step = expm(augmented * motion.dt)
     states = [np.zeros(2 * n)]
-    a = motion.acceleration
-    for before, after in itertools.pairwise(a):
+    for before, after in itertools.pairwise(motion.acceleration):
         extended = np.r_[states[-1], before, (after - before) / motion.dt]
         states.append((step @ extended)[: 2 * n])
     states = np.array(states)

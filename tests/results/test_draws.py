@@ -67,8 +67,7 @@ def test_arviz_finds_its_groups(tmp_path, save):
 def test_a_file_that_is_read_is_closed(tmp_path, save):
     """A file left open would still show its old draws after it is rewritten."""
     path = tmp_path / "x.nc"
-    first = save(path, ("k1",))
-    load_draws(path, first)
+    load_draws(path, save(path, ("k1",)))
     other = save(tmp_path / "second.nc", ("k1", "k2"))
     path.write_bytes((tmp_path / "second.nc").read_bytes())
     np.testing.assert_array_equal(load_draws(path, other).draws, other.draws)
@@ -104,8 +103,7 @@ def test_arviz_judges_by_leaving_data_out(tiny_ranking, tiny_result):
     # Left out by importance weights: E[1/p]⁻¹ of each datum, summed.
     inverse = -tiny_ranking.posteriors[0].datum_terms.log_likelihoods.reshape(-1, 3)
     expected = -np.log(np.exp(inverse).mean(0)).sum()
-    elpd = loo.elpd_loo if hasattr(loo, "elpd_loo") else loo.elpd
-    assert abs(float(elpd) - expected) < 0.2
+    assert abs(float(loo.elpd_loo if hasattr(loo, "elpd_loo") else loo.elpd) - expected) < 0.2
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-16])
@@ -114,8 +112,7 @@ def test_a_term_that_is_constant_but_for_rounding_is_scattered_beside_one_that_v
     varying, missed = np.random.default_rng(0).standard_normal((2, 2, 50))
     log_likelihoods = np.stack([varying, -0.1 + rounding * missed], axis=-1)
     data, hz = ("1", "no other mode"), np.ones(1)
-    terms = DatumTerms(data, log_likelihoods, ("1",), hz, varying[..., None])
-    kept = _varying_terms(terms)
+    kept = _varying_terms(DatumTerms(data, log_likelihoods, ("1",), hz, varying[..., None]))
     assert kept.std(axis=(0, 1)) == pytest.approx([varying.std(), 1e-6], rel=0.2)
     np.testing.assert_allclose(kept.sum(axis=-1), log_likelihoods.sum(axis=-1), atol=1e-9)
 

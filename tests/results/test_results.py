@@ -84,8 +84,7 @@ def test_a_result_has_the_same_attributes_before_and_after_it_is_saved(tiny_rank
 
 
 def test_what_a_directory_holds(directory):
-    files = {p.relative_to(directory).as_posix() for p in directory.rglob("*.*")}
-    assert files == {
+    assert {p.relative_to(directory).as_posix() for p in directory.rglob("*.*")} == {
         "result.json", "data.csv", "comparison.json", "comparison.csv", "digests.json",
         "posteriors/one_k.nc", "posteriors/each_k.nc",
         "posteriors/one_k.npz", "posteriors/each_k.npz",
@@ -121,8 +120,7 @@ def test_a_result_is_overwritten_on_request_alone(tiny_ranking, directory):
     with pytest.raises(FileExistsError, match="exists already and is not overwritten"):
         save_result(tiny_ranking, directory)
     assert (directory / "result.json").read_bytes() == before
-    again = save_result(replace(tiny_ranking, seed=8), directory, overwrite=True)
-    assert again.record.seed == 8
+    assert save_result(replace(tiny_ranking, seed=8), directory, overwrite=True).record.seed == 8
     assert not (directory / "figures").exists()
 
 

@@ -159,8 +159,7 @@ def test_a_region_that_the_chains_never_visited_is_reported(sampled):
 def test_a_small_region_may_be_missed(sampled):
     """Only regions with more than 2 % of the posterior are asked for."""
     log_likelihoods = sampled.importance.log_likelihoods.copy()
-    groups = sampled.regions.assign(sampled.importance.z)
-    log_likelihoods[groups == 1] -= 6.0
+    log_likelihoods[sampled.regions.assign(sampled.importance.z) == 1] -= 6.0
     small = replace(
         sampled,
         importance=replace(sampled.importance, log_likelihoods=log_likelihoods),

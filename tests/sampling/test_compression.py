@@ -30,8 +30,7 @@ def compressed(function=gaussian, d=3, seed=0, n_particles=256, climbers=None, *
     target = Target(function, d)
     if climbers is None:
         climbers = np.random.default_rng(seed).standard_normal((32, d))
-    maxima = find_maxima(target, climbers)
-    return compress_prior(target, n_particles, maxima, seeds(seed), **kwargs)
+    return compress_prior(target, n_particles, find_maxima(target, climbers), seeds(seed), **kwargs)
 
 
 def seeds(seed):
@@ -129,8 +128,7 @@ def test_regions_keep_their_shares():
 
     def two_regions(z):
         near = -0.5 * (((z - 1.0) / 0.1) ** 2).sum(1) + math.log(8.0)
-        far = -0.5 * (((z + 1.0) / 0.1) ** 2).sum(1)
-        return np.logaddexp(near, far)
+        return np.logaddexp(near, -0.5 * (((z + 1.0) / 0.1) ** 2).sum(1))
 
     each = [c for seed in range(4) for c in compressed(two_regions, 2, seed)]
     shares = [np.mean(c.draws[:, 0] < 0) for c in each]

@@ -53,8 +53,7 @@ def test_a_gaussian_target(observed):
     assert result.failed_checks == []
     assert result.region_shares.tolist() == [1.0]
     assert result.search.maxima.laplace_estimate.log_evidence == pytest.approx(EXACT, abs=0.01)
-    weights = result.importance.weights
-    assert weights @ result.importance.z[:, 0] == pytest.approx(1.2, abs=0.02)
+    assert result.importance.weights @ result.importance.z[:, 0] == pytest.approx(1.2, abs=0.02)
 
 
 def test_far_regions_keep_their_shares(bumps):
@@ -194,8 +193,7 @@ def test_chains_and_evidence_share_their_evaluations():
     assert result.n_evaluations == sum(map(len, evaluated))
     importance = {row.tobytes() for row in result.importance.z}
     draws = np.concatenate([ensemble.draws for ensemble in result.ensembles])
-    shared = np.mean([row.tobytes() in importance for row in draws])
-    assert shared > 0.8
+    assert np.mean([row.tobytes() in importance for row in draws]) > 0.8
     assert points >= {row.tobytes() for row in draws}
     assert result.chains.smallest_size > 2000
 
@@ -217,8 +215,7 @@ def ensemble_at(*places, n=1500):
     """Independent draws of narrow Gaussians at the places on the first axis."""
     positions = 0.2 * np.random.default_rng(len(places)).standard_normal((n, 1, 2))
     positions[:, 0, 0] += np.resize(places, n)
-    heights = two_places(positions[:, 0])[:, None]
-    return Ensemble(positions, heights, 0, 1.0, 0.5)
+    return Ensemble(positions, two_places(positions[:, 0])[:, None], 0, 1.0, 0.5)
 
 
 def refitted(mixture, *ensembles):
@@ -338,8 +335,7 @@ def test_a_stripe_without_likelihood_through_the_mode_is_no_reason_for_doubt(wid
 
 def half_normal_errors(z):
     """Three exact data, and the size of their errors with a half-normal prior."""
-    sigma = -ndtri(0.5 * ndtr(-z[:, :1]))
-    return norm.logpdf(z[:, 1:], 0.0, sigma).sum(1)
+    return norm.logpdf(z[:, 1:], 0.0, -ndtri(0.5 * ndtr(-z[:, :1]))).sum(1)
 
 
 def test_the_neck_of_a_funnel_has_its_share_of_the_draws():

@@ -45,8 +45,7 @@ def run(function=gaussian, mixture=None, seed=0, n_ensembles=2, share=0.7, **kwa
         positions = rng.multivariate_normal(MEAN, COVARIANCE, 16)
         walkers.append(Walkers(positions, target.log_posterior(positions)))
     proposals = [drawn_anew(mixture, share, target.log_density, rng) for rng in rngs]
-    settings = SamplingSettings(**kwargs)
-    return run_ensembles(target, walkers, proposals, settings, rngs)[0]
+    return run_ensembles(target, walkers, proposals, SamplingSettings(**kwargs), rngs)[0]
 
 
 @pytest.fixture(scope="module")
@@ -112,8 +111,7 @@ def test_walkers_change_between_far_regions():
         return np.logaddexp(*parts) + 0.5 * (z**2).sum(1)
 
     means, factors = np.array([[2.0, 2.0], [-2.0, -2.0]]), np.array([0.1 * np.eye(2)] * 2)
-    proposal = StudentMixture(np.full(2, 0.5), means, factors, np.full(2, 5.0))
-    ensembles = run(regions, proposal)
+    ensembles = run(regions, StudentMixture(np.full(2, 0.5), means, factors, np.full(2, 5.0)))
     share = np.mean([ensemble.draws[:, 0] > 0 for ensemble in ensembles])
     size = statistics_of(TARGET, ensembles).bulk_sizes.min()
     assert share == pytest.approx(0.75, abs=4.0 * math.sqrt(0.75 * 0.25 / size))
@@ -133,8 +131,7 @@ def test_walkers_that_never_move_fail_every_aim():
     stuck = Target(lambda z: np.full(len(z), -np.inf), 1)
     walkers = Walkers(np.linspace(-1.0, 1.0, 4)[:, None], np.zeros(4))
     rng = np.random.default_rng(0)
-    mixture = component(np.zeros(1), np.eye(1))
-    proposals = [drawn_anew(mixture, 0.5, stuck.log_density, rng)]
+    proposals = [drawn_anew(component(np.zeros(1), np.eye(1)), 0.5, stuck.log_density, rng)]
     settings = SamplingSettings(max_steps=50)
     (ensemble,), _ = run_ensembles(stuck, [walkers], proposals, settings, [rng])
     assert math.isnan(ensemble.autocorrelation_time)

@@ -25,8 +25,7 @@ MEAN, SD = np.array([0.4, -0.2]), np.array([0.3, 0.5])
 
 def gaussian(z):
     """Likelihood times prior is e^LOG_EVIDENCE times N(MEAN, SD²)."""
-    away = (z - MEAN) / SD
-    log_density = -0.5 * (away**2).sum(1) - np.log(2.0 * math.pi * SD.prod())
+    log_density = -0.5 * (((z - MEAN) / SD) ** 2).sum(1) - np.log(2.0 * math.pi * SD.prod())
     return log_density + LOG_EVIDENCE - log_standard_normal(z)
 
 
@@ -107,8 +106,7 @@ def test_the_mean_log_likelihood_is_weighted_without_draws_of_likelihood_zero():
 
 
 def test_errors_of_shares_with_equal_weights_are_binomial():
-    sample = weighted(np.zeros(400))
-    errors = sample.share_errors(np.repeat([0, 1], [100, 300]), 2)
+    errors = weighted(np.zeros(400)).share_errors(np.repeat([0, 1], [100, 300]), 2)
     # 400 / 399 as the variance is estimated from the draws.
     np.testing.assert_allclose(errors, math.sqrt(0.25 * 0.75 / 400 * 400 / 399), rtol=1e-12)
 
@@ -224,8 +222,7 @@ def test_importance_draws_decide_what_a_walker_stands_for(share_there):
     assert refined.mixture.n_components > 1
     estimate = refined.estimate
     assert estimate.error <= 0.01
-    expected = math.log1p(share_there)
-    assert estimate.log_evidence == pytest.approx(expected, abs=4.0 * estimate.error)
+    assert estimate.log_evidence == pytest.approx(math.log1p(share_there), abs=4.0 * estimate.error)
 
 
 def thin_ridge(z):

@@ -93,9 +93,8 @@ def test_widened_mixtures(mixture, rng):
 def test_reweighting_finds_the_shares_of_weighted_draws(mixture, rng):
     far_apart = StudentMixture(mixture.weights, MEANS * 20.0, mixture.factors, DOF)
     draws = far_apart.draw(np.array([500, 500, 0]), rng)
-    weights = np.repeat([0.9, 0.1], 500) / 500.0
     # A tenth is shared equally.
-    reweighted = far_apart.reweighted(draws, weights).weights
+    reweighted = far_apart.reweighted(draws, np.repeat([0.9, 0.1], 500) / 500.0).weights
     np.testing.assert_allclose(reweighted, [0.86, 0.14], atol=1e-6)
 
 
@@ -112,8 +111,7 @@ def test_fitting_recovers_the_scale_under_heavy_tails(rng):
     draws = stats.multivariate_t(MEANS[0], SCALES[0], df=5.0, seed=1).rvs(20_000)
     fitted = fit_mixture(draws, 1, 5.0, rng)
     np.testing.assert_allclose(fitted.means[0], MEANS[0], atol=0.03)
-    scale = fitted.factors[0] @ fitted.factors[0].T
-    np.testing.assert_allclose(scale, SCALES[0], atol=0.03)
+    np.testing.assert_allclose(fitted.factors[0] @ fitted.factors[0].T, SCALES[0], atol=0.03)
 
 
 def test_components_without_draws_are_dropped(rng):
@@ -159,8 +157,7 @@ def bumps(distance, share=0.25, n=2000):
     """Two unit normals ``distance`` apart: their log density and draws."""
     rng = np.random.default_rng(5)
     centres = np.array([[0.0, 0.0], [distance, 0.0]])
-    second = rng.random(n) < share
-    draws = centres[second.astype(int)] + rng.standard_normal((n, 2))
+    draws = centres[(rng.random(n) < share).astype(int)] + rng.standard_normal((n, 2))
 
     def log_density(z):
         parts = [log_standard_normal(z - centre) for centre in centres]

@@ -148,8 +148,7 @@ def test_a_maximum_found_twice_is_converged(shares, reached_by, converged):
     """Of maxima far apart whose masses are these shares of the posterior."""
     precisions = np.full((len(shares), 1, 1), 2.0 * math.pi)  # mass is then height
     maxima = Maxima(10.0 * np.arange(len(shares))[:, None], np.log(shares), precisions)
-    search = multistart.MultistartSearch(maxima, np.array(reached_by), 1)
-    assert search.converged is converged
+    assert multistart.MultistartSearch(maxima, np.array(reached_by), 1).converged is converged
 
 
 @pytest.mark.parametrize("d", [1, 3])

@@ -196,8 +196,7 @@ def uncoupled(x):
 def test_modes_that_cross_are_emulated_exactly(representation):
     """The logarithms of their frequencies are linear, whichever comes first."""
     x, between = np.linspace(-2.0, 2.0, 21), np.linspace(-1.93, 1.93, 40)
-    vectors = representation.encoded(x[:, None], uncoupled(x))
-    process = GaussianProcess.fitted(x[:, None], vectors)
+    process = GaussianProcess.fitted(x[:, None], representation.encoded(x[:, None], uncoupled(x)))
     modes = representation.decoded(process.mean(between[:, None]))
     assert mode_errors(modes, uncoupled(between), 2).max() < 1e-6
 
@@ -215,8 +214,7 @@ def test_modes_that_veer_are_emulated_by_their_operator():
     x, between = np.linspace(-1.0, 1.0, 13), np.linspace(-0.9, 0.9, 50)
     errors = []
     for representation in (ModalOperator(2, 2), TrackedModes(2, 2)):
-        vectors = representation.encoded(x[:, None], modes(x))
-        process = GaussianProcess.fitted(x[:, None], vectors)
+        process = GaussianProcess.fitted(x[:, None], representation.encoded(x[:, None], modes(x)))
         decoded = representation.decoded(process.mean(between[:, None]))
         errors.append(mode_errors(decoded, modes(between), 2).max())
     assert errors[0] < 1e-3 < errors[1]
@@ -228,8 +226,7 @@ def test_a_pair_of_equal_frequency_is_a_plane_whatever_rounding_makes_of_its_ope
     representation = ModalOperator(2, 2)
     for sign in (-1.0, 1.0):
         operator = np.eye(2) + rounding * np.array([[0.0, 1.0], [sign, 0.0]])
-        vectors = np.concatenate([operator.ravel(), np.eye(2).ravel()])[None]
-        modes = representation.decoded(vectors)
+        modes = representation.decoded(np.concatenate([operator.ravel(), np.eye(2).ravel()])[None])
         np.testing.assert_allclose(modes.frequencies_hz, np.e)
         assert np.linalg.matrix_rank(modes.shapes[0]) == 2
 
@@ -260,8 +257,7 @@ def test_errors_of_points_left_out_are_those_of_fits_without_them():
 def test_a_polynomial_of_second_degree_is_exact():
     rng = np.random.default_rng(1)
     x, new = rng.standard_normal((40, 3)), rng.standard_normal((10, 3))
-    y = (1.0 + x[:, 0] - 2.0 * x[:, 1] * x[:, 2])[:, None]
-    process = GaussianProcess.fitted(x, y)
+    process = GaussianProcess.fitted(x, (1.0 + x[:, 0] - 2.0 * x[:, 1] * x[:, 2])[:, None])
     exact = 1.0 + new[:, 0] - 2.0 * new[:, 1] * new[:, 2]
     np.testing.assert_allclose(process.mean(new)[:, 0], exact, atol=1e-6)
 
@@ -300,8 +296,7 @@ def test_a_half_space_that_fails_is_recognised():
     by_odds, by_nearest = failing.votes(new)
     is_open = by_odds != by_nearest
     assert is_open.mean() < 0.2
-    wrong = (failing.expected(new) != (sums > 1.0)) & ~is_open
-    assert wrong.mean() < 0.01
+    assert ((failing.expected(new) != (sums > 1.0)) & ~is_open).mean() < 0.01
 
 
 def building():

@@ -83,8 +83,7 @@ def test_masses_are_the_papers_and_the_same_in_both_forms(cases, case):
 def peak_near(structure, cases, low, high):
     band = np.arange(low, high, 0.002)
     output = Output("acceleration", cases["FLOORS"])
-    result = transfer_functions(structure, NO_VALUES, band, output, cases["DAMPING"])
-    return np.abs(result).max()
+    return np.abs(transfer_functions(structure, NO_VALUES, band, output, cases["DAMPING"])).max()
 
 
 def test_appendages_about_the_first_frequency_halve_its_peak(cases):

@@ -190,8 +190,7 @@ def test_they_stay_on_a_reduced_model_with_an_element():
 def test_a_search_hangs_appendages_on_what_they_measure():
     structure = matrices().with_sensors([HALFWAY, SLOPED])
     frequencies, shapes = frequencies_and_shapes(structure, ("halfway", "sloped"), 1.0)
-    sensors = ("halfway", "sloped")
-    data = bs.ModalData.from_arrays(frequencies, shapes, (0.0, 6.0), sensors)
+    data = bs.ModalData.from_arrays(frequencies, shapes, (0.0, 6.0), ("halfway", "sloped"))
     candidate = bs.ModelClass("points", structure, data, pairing="any")
     places = choose_baselines(bs.Study("points", [candidate])).appendages("points")
     assert [place.name for place in places] == ["pendulum a", "pendulum b", "pendulum c"]

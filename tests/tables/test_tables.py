@@ -42,8 +42,7 @@ def cells(table, row):
 def test_ranking(make_posterior):
     misfit = Adequacy(PValue.of(math.log(2.0) + norm.logsf(3.26)), (), (), ())
     worse = make_posterior("1-a", 0.248, 0.003, adequacy=misfit)
-    actual = bs.compare([worse, make_posterior("3", 16.067, 0.004)])
-    table = ranking_table(actual, "Case (c)")
+    table = ranking_table(bs.compare([worse, make_posterior("3", 16.067, 0.004)]), "Case (c)")
     assert printed(table)[0] == "Case (c)"
     assert cells(table, ["3"]) == ["16.067", "±", "0.004", "0.00", ">", "0.9999", "-"]
     expected = ["0.248", "±", "0.003", "-15.82", "<", "0.0001", "no", "(3.3", "sd)"]
@@ -108,8 +107,7 @@ def test_the_shift_of_a_changed_mean_has_its_sign_and_its_unit():
     known = Estimate(-1.0, 0.01)
     up = ParameterChange(spread("up", 1.0, 0.2), spread("up", 1.3, 0.4))
     down = ParameterChange(spread("down", 2.0, 0.5), spread("down", 1.0, 0.1))
-    unknown = ParameterChange(spread("unknown", 1.0, 0.2), None)
-    parameters = (up, down, unknown)
+    parameters = (up, down, ParameterChange(spread("unknown", 1.0, 0.2), None))
     changed = ChangedClass("A", known, known, 0.5, 0.5, 0.1, "", None, None, "", parameters)
     table = of_rankings.changed_parameters_table(changed)
     shifts = [cells(table, [name])[-1] for name in ("up", "down", "unknown")]
@@ -145,8 +143,7 @@ def test_losses_are_in_percent():
         amount=("loss", "loss (%)"), feature="change", has_visible=True, scale=100.0,
         places_by_probability=[place],
     )  # fmt: skip
-    shown = " ".join(cells(place_table(record), ["k1"]))
-    assert shown == "k1 0.9000 12.5 (10.0 to 15.0) 3.1"
+    assert " ".join(cells(place_table(record), ["k1"])) == "k1 0.9000 12.5 (10.0 to 15.0) 3.1"
 
 
 def test_regions(make_posterior):
