@@ -461,3 +461,10 @@ def assert_one_line_error(result, *words):
     assert line.startswith("Error: ")
     for word in words:
         assert word in line
+
+
+def assert_refused(message, call, /, *arguments, **options):
+    """A call raises a ValueError of one line in which this pattern is found."""
+    with pytest.raises(ValueError, match=message) as caught:
+        call(*arguments, **options)
+    assert "\n" not in str(caught.value)

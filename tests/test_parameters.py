@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 from scipy import stats
 
 from bayes_ssi.foundations.codec import from_record, to_record
@@ -79,8 +80,7 @@ def test_parameters_are_collected_once_in_order_of_appearance():
     "other", [Parameter("a", LogNormal(2.0, 0.5)), Parameter("a", LogNormal(2.0, 0.3), unit="N")]
 )
 def test_two_parameters_of_one_name_are_refused(other):
-    with pytest.raises(ValueError, match="two different parameters are named 'a'"):
-        collect_parameters([a, b, other])
+    assert_refused("two different parameters are named 'a'", collect_parameters, [a, b, other])
 
 
 @pytest.mark.parametrize(
@@ -105,8 +105,7 @@ def test_values_that_are_no_numbers_are_refused(value):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan, -2.0 * a, 0.0 * a])
 def test_numbers_that_are_not_positive_are_refused(value):
-    with pytest.raises(ValueError, match="mass must be positive and finite, got"):
-        positive_product(value, "mass")
+    assert_refused("mass must be positive and finite, got", positive_product, value, "mass")
 
 
 @pytest.mark.parametrize(
@@ -245,8 +244,7 @@ def test_no_coordinate_leaves_the_bounds(name):
     ],
 )
 def test_improper_priors_are_refused(build, message):
-    with pytest.raises(ValueError, match=message):
-        build()
+    assert_refused(message, build)
 
 
 @pytest.mark.parametrize("factor", [1.7, 0.5])
@@ -265,8 +263,7 @@ def test_a_widened_prior_moves_quantiles_along_the_normal_coordinate(case, facto
 
 
 def test_widened_priors_refuse_what_is_no_prior_or_factor():
-    with pytest.raises(ValueError, match="Widened: factor must be positive"):
-        Widened(Normal(0.0, 1.0), 0.0)
+    assert_refused("Widened: factor must be positive", Widened, Normal(0.0, 1.0), 0.0)
     with pytest.raises(TypeError, match="Widened: prior must be a prior"):
         Widened(1.0, 2.0)
 
@@ -306,8 +303,7 @@ NO_CALLS = ("", "Gamma(1, 2)", "LogNormal", "LogNormal(1, 0.5); 1", "__import__(
 
 @pytest.mark.parametrize("text", [*NO_CALLS, *(f"LogNormal({each})" for each in NO_NUMBERS)])
 def test_text_that_names_no_prior_is_refused(text):
-    with pytest.raises(ValueError, match=r"such as 'LogNormal\(1, 0.5\)'; choose from Normal, Log"):
-        prior_from_text(text)
+    assert_refused(r"such as 'LogNormal\(1, 0.5\)'; choose from Normal, Log", prior_from_text, text)
 
 
 def test_numbers_of_a_prior_from_text_are_checked():

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 from scipy.linalg import eigh
 from searches import ONE, by_count
 
@@ -217,8 +218,7 @@ def test_bad_candidates_are_refused(make, error, message):
     [(["roof"], "no configuration 'roof'"), ([], "present_in: names no test")],
 )
 def test_a_test_that_does_not_exist_is_refused(present_in, message):
-    with pytest.raises(ValueError, match=message):
-        bs.search(two_tests(), ONE, present_in=present_in)
+    assert_refused(message, bs.search, two_tests(), ONE, present_in=present_in)
 
 
 def write(tmp_path, text):
@@ -261,5 +261,4 @@ brace, node 9 x, , , , , , , 0
     ],
 )
 def test_a_bad_file_of_candidates_is_refused(tmp_path, text, message):
-    with pytest.raises(ValueError, match=message):
-        bs.read_candidates(write(tmp_path, text))
+    assert_refused(message, bs.read_candidates, write(tmp_path, text))

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 
 import bayes_ssi as bs
 
@@ -116,8 +117,7 @@ def test_shapes_are_copied_and_read_only():
     ],
 )
 def test_impossible_modes_are_refused(kwargs, message):
-    with pytest.raises(ValueError, match=message):
-        mode(**kwargs)
+    assert_refused(message, mode, **kwargs)
 
 
 def test_modes_are_sorted_by_frequency():
@@ -127,8 +127,7 @@ def test_modes_are_sorted_by_frequency():
     expected = [[0.0, NAN, 1.0], [1.0, NAN, 0.0], [0.0, NAN, 0.0]]
     np.testing.assert_array_equal(held.unit_shapes, expected)
     assert held.mode("none").frequency_hz == 2.0
-    with pytest.raises(ValueError, match="no identified mode '4'; choose from 'low', 'none', 'hi"):
-        held.mode("4")
+    assert_refused("no identified mode '4'; choose from 'low', 'none', 'hi", held.mode, "4")
 
 
 def test_without_shapes_keeps_the_frequencies():
@@ -162,8 +161,7 @@ def test_without_shapes_keeps_the_frequencies():
     ],
 )
 def test_impossible_data_are_refused(modes, kwargs, message):
-    with pytest.raises(ValueError, match=message):
-        data(*modes, **kwargs)
+    assert_refused(message, data, *modes, **kwargs)
 
 
 def test_modes_on_the_ends_of_the_band_are_accepted():

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 from identified_records import identified
 
 import bayes_ssi as bs
@@ -73,8 +74,7 @@ def test_frequencies_alone_keep_their_covariance_and_without_it_the_sizes_remain
     ],
 )  # fmt: skip
 def test_impossible_covariances_are_refused(changes, message):
-    with pytest.raises(ValueError, match=re.escape(message)):
-        data(**changes)
+    assert_refused(re.escape(message), data, **changes)
 
 
 @pytest.fixture
@@ -127,8 +127,7 @@ def _change(path, **changes):
 )  # fmt: skip
 def test_a_covariance_of_other_modes_is_refused(csv, change, message):
     change(csv, csv.with_suffix(".identification.json"))
-    with pytest.raises(ValueError, match=message):
-        bs.read_modal_data(csv)
+    assert_refused(message, bs.read_modal_data, csv)
 
 
 def test_no_file_is_overwritten(csv):

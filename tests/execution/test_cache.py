@@ -6,6 +6,7 @@ import signal
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 
 from bayes_ssi.inference.workers.cache import Cache
 from bayes_ssi.inference.workers.workers import Evaluated, evaluate
@@ -88,8 +89,7 @@ def test_a_file_that_is_no_cache_is_refused_and_left_alone(path):
     whole = path.read_bytes()
     for content in (b"weeks\n", whole[:5000], whole[:4096] + bytes(len(whole) - 4096)):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match=f"^{path}: damaged, or not a checkpoint; remove it"):
-            Cache(path)
+        assert_refused(f"^{path}: damaged, or not a checkpoint; remove it", Cache, path)
         assert path.read_bytes() == content
     with pytest.raises(OSError, match="unable to open database file"):
         Cache(path / path.name)
@@ -120,8 +120,7 @@ def test_a_process_that_is_killed_uses_its_cache_no_more(path):
             signal.pause()
     grandchild = int(os.read(opened, 20))
     try:
-        with pytest.raises(ValueError, match=f"^{path}: another run is using this checkpoint$"):
-            Cache(path)
+        assert_refused(f"^{path}: another run is using this checkpoint$", Cache, path)
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         write(path)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import assert_one_line_error
+from conftest import assert_one_line_error, assert_refused
 
 import bayes_ssi as bs
 from bayes_ssi.commands.options import read_covariate
@@ -203,8 +203,7 @@ def test_what_is_refused(rankings):
         ("'covariate' is 4 in all tests", rankings, {"covariate": dict.fromkeys(rankings, 4)}),
     ):  # fmt: skip
         tests = {**tests, "July": july} if list(tests) == ["b"] else tests
-        with pytest.raises(ValueError, match=re.escape(problem)):
-            bs.hierarchy(tests, **options)
+        assert_refused(re.escape(problem), bs.hierarchy, tests, **options)
 
 
 @pytest.mark.parametrize(
@@ -221,8 +220,7 @@ def test_what_is_refused(rankings):
 def test_covariate_files_that_are_refused(tmp_path, text, problem):
     path = tmp_path / "t.csv"
     path.write_text(text)
-    with pytest.raises(ValueError, match=f"^{re.escape(str(path))}.*{re.escape(problem)}"):
-        read_covariate(path)
+    assert_refused(f"^{re.escape(str(path))}.*{re.escape(problem)}", read_covariate, path)
 
 
 @pytest.fixture(scope="module")
@@ -294,5 +292,4 @@ def test_a_damaged_hierarchy_is_refused(made, tmp_path):
     bs.save_hierarchy(made, tmp_path / "made")
     path = tmp_path / "made" / MARKER
     path.write_text(path.read_text().replace('"format": 2', '"format": 99'))
-    with pytest.raises(ValueError, match="a hierarchy of format 99"):
-        bs.load_hierarchy(tmp_path / "made")
+    assert_refused("a hierarchy of format 99", bs.load_hierarchy, tmp_path / "made")

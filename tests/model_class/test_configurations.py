@@ -10,7 +10,7 @@ import h5py
 import importance
 import numpy as np
 import pytest
-from conftest import assert_one_line_error, succeeded
+from conftest import assert_one_line_error, assert_refused, succeeded
 from scipy.special import logsumexp
 
 import bayes_ssi as bs
@@ -155,8 +155,7 @@ def test_save_and_load(ranking, tmp_path):
         labels = [label.decode() for label in file["model"]["model_mode"]]
     assert labels == ["bare: 1", "bare: 2", "loaded: 1", "loaded: 2"]
     (tmp_path / "r" / "data" / "bare.csv").unlink()
-    with pytest.raises(ValueError, match=r"bare\.csv: no such file"):
-        bs.load_result(tmp_path / "r")
+    assert_refused(r"bare\.csv: no such file", bs.load_result, tmp_path / "r")
 
 
 @pytest.mark.parametrize("shape_weight", [0.0, None])
@@ -254,8 +253,7 @@ def test_bad_input_is_refused_in_one_line(make, error, message):
 def test_classes_of_different_tests_are_not_compared(change, where):
     study = bs.Study("s", [joint(), joint("other", configurations=change(joint().configurations))])
     message = f"model classes 'both' and 'other' explain different data{where}"
-    with pytest.raises(ValueError, match=re.escape(message)):
-        study.require_same_data()
+    assert_refused(re.escape(message), study.require_same_data)
 
 
 STUDY = """\

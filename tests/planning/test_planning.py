@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 from scipy.special import gammaincc, logsumexp
 from searches import COARSE, exact_modes
 
@@ -260,8 +261,7 @@ BAD = {
 @pytest.mark.parametrize("message", BAD)
 def test_bad_input_is_named(two_classes, message):
     given = {"n_sensors": 2, **FEW, **BAD[message]}
-    with pytest.raises(ValueError, match=message):
-        bs.plan(two_classes, **given)
+    assert_refused(message, bs.plan, two_classes, **given)
 
 
 def frequencies(structure, values):
@@ -282,12 +282,10 @@ def test_an_aim_without_an_end_of_information_is_refused(two_classes, what, aim)
 
 
 def test_classes_without_a_rival_or_with_correlated_errors_are_refused(two_classes):
-    with pytest.raises(ValueError, match="'alike' is alone"):
-        bs.plan(two_classes.only(["alike"]), 2)
+    assert_refused("'alike' is alone", bs.plan, two_classes.only(["alike"]), 2)
     error = bs.ErrorModel(0.01, 0.05, between_modes=0.5)
     own = bs.ModelClass("own", building(3, (factor("k"),) * 3), any_data(), error, pairing={"1": 1})
-    with pytest.raises(ValueError, match="correlated"):
-        bs.plan(bs.Study("one", [own]), 2, aim="k")
+    assert_refused("correlated", bs.plan, bs.Study("one", [own]), 2, aim="k")
 
 
 def test_layouts_are_drawn_in_space(two_classes, whole, small):

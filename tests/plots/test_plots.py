@@ -6,6 +6,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from conftest import assert_refused
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.pairings import InferredPairing, PairingShare
@@ -113,8 +114,7 @@ def test_a_corner_plot_marks_true_values(make_posterior):
     assert at[3:] == [0.25]
     assert k2.get_xlim()[0] < 0.25
     assert len(k1.lines) == 3
-    with pytest.raises(ValueError, match="no parameter 'k9'"):
-        plot_corner(make_posterior("3"), truths={"k9": 1.0})
+    assert_refused("no parameter 'k9'", plot_corner, make_posterior("3"), truths={"k9": 1.0})
 
 
 def test_contours_of_a_corner_plot_hold_their_shares_of_the_draws(make_posterior):
@@ -205,8 +205,7 @@ def test_shapes_beside_identified_ones(updated, case_c):
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     beyond = "appendage beyond the scale, its component below"
     assert labels == ["model", "appendage", "identified", beyond]
-    with pytest.raises(ValueError, match="no mode is paired"):
-        plot_mode_shapes(replace(updated, modes=()), case_c)
+    assert_refused("no mode is paired", plot_mode_shapes, replace(updated, modes=()), case_c)
 
 
 def test_units_stand_beside_the_names_of_parameters(make_posterior):

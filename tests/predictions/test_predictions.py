@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayes_ssi as bs
@@ -80,8 +81,7 @@ def test_bands_of_many_points_and_of_one():
 
 @pytest.mark.parametrize("level", [0.0, 1.0, 95, math.nan])
 def test_the_level_of_a_band_is_a_fraction(level):
-    with pytest.raises(ValueError, match="level must lie strictly between 0 and 1"):
-        Prediction(np.zeros(3)).band(level)
+    assert_refused("level must lie strictly between 0 and 1", Prediction(np.zeros(3)).band, level)
 
 
 def test_frequencies_are_the_stored_ones(predicted, posteriors):
@@ -219,8 +219,7 @@ def test_a_mode_that_a_class_does_not_explain(average, tiny_ranking):
 
 def test_unknown_modes(predicted, average):
     unpaired = r"each k: no model mode is paired .* '7'; choose from '1'"
-    with pytest.raises(ValueError, match=unpaired):
-        predicted.frequencies_hz("7")
+    assert_refused(unpaired, predicted.frequencies_hz, "7")
     for number in (0, 3):
         with pytest.raises(ValueError, match=rf"each k: no mode {number}; choose from 1 to 2"):
             predicted.shapes(number, FLOORS)
@@ -236,8 +235,7 @@ def test_errors_name_the_class(predicted):
         lambda: predicted.time_histories(motion, unknown, 0.02),
         lambda: predicted.shapes("1", ["roof"]),
     ):
-        with pytest.raises(ValueError, match="model class 'each k': place 'roof': the structure"):
-            compute()
+        assert_refused("model class 'each k': place 'roof': the structure", compute)
     with pytest.raises(ValueError, match="model class 'each k': damping must be"):
         predicted.transfer_functions(FREQUENCIES, ACCELERATION, 2.0)
 

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import searches
-from conftest import TINY_STUDY, screen_quickly
+from conftest import TINY_STUDY, assert_refused, screen_quickly
 from searches import PENDULUM_1
 
 import bayes_ssi as bs
@@ -40,8 +40,7 @@ def test_a_stored_result_predicts_without_sampling(saved, tiny_study_file, monke
     assert average.n_draws == 50
     for each in average.classes:
         assert len(each.values) == pytest.approx(50 * probabilities[each.name], abs=1)
-    with pytest.raises(ValueError, match="no model class 'two k'; choose from 'one k', 'each k'"):
-        by_record.of("two k")
+    assert_refused("no model class 'two k'; choose from 'one k', 'each k'", by_record.of, "two k")
 
 
 @pytest.mark.parametrize("ranked", [("brace or wall", "x"), ("x",)])
@@ -65,8 +64,7 @@ def test_the_study_file_is_not_there(saved, tiny_study_file):
     tiny_study_file.unlink()
     with pytest.raises(ValueError, match=r"result: its study file '.*tiny.py' is not there; say"):
         bs.load_predictions(saved)
-    with pytest.raises(ValueError, match=r"tiny.py: no such file"):
-        bs.load_predictions(saved, tiny_study_file)
+    assert_refused(r"tiny.py: no such file", bs.load_predictions, saved, tiny_study_file)
 
 
 def test_the_study_file_defines_other_classes(saved, tiny_study_file):
@@ -136,8 +134,7 @@ def test_the_record_of_a_search_is_damaged(searched, tmp_path, change, message):
     change(record)
     (copy / "search.json").write_text(json.dumps(record), "utf-8")
     write_digests(copy)
-    with pytest.raises(ValueError, match=message):
-        bs.load_predictions(copy)
+    assert_refused(message, bs.load_predictions, copy)
 
 
 @pytest.fixture(scope="module")

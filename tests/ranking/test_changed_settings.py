@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from conftest import assert_refused
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words
@@ -123,13 +124,11 @@ def test_a_class_too_improbable_to_matter_need_not_be_sampled_again(tiny_ranking
     ],
 )
 def test_settings_of_no_class_are_refused(tiny_result, settings, words):
-    with pytest.raises(ValueError, match=words):
-        bs.what_if(tiny_result, bs.ChangedSettings(**settings))
+    assert_refused(words, bs.what_if, tiny_result, bs.ChangedSettings(**settings))
 
 
 def test_an_error_size_that_every_class_infers_and_a_change_of_nothing_are_refused(tiny_study):
     inferred = [replace(c, error=bs.ErrorModel()) for c in tiny_study.model_classes]
     with pytest.raises(ValueError, match=r"frequency_cov: it is inferred .* 'frequency_cov'"):
         bs.ChangedSettings(frequency_cov=0.02).check(inferred)
-    with pytest.raises(ValueError, match="nothing is changed; give"):
-        bs.ChangedSettings()
+    assert_refused("nothing is changed; give", bs.ChangedSettings)

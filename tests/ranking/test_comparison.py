@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from conftest import assert_refused
 
 import bayes_ssi as bs
 from bayes_ssi.inference.criticism.misfit import AtEdge
@@ -128,8 +129,7 @@ def test_one_class_alone(make_posterior):
     ],
 )
 def test_bad_prior_weights_are_refused(make_posterior, weights, message):
-    with pytest.raises(ValueError, match=message):
-        bs.compare([make_posterior("a"), make_posterior("b")], weights)
+    assert_refused(message, bs.compare, [make_posterior("a"), make_posterior("b")], weights)
 
 
 @pytest.mark.parametrize(
@@ -144,8 +144,7 @@ def test_bad_prior_weights_are_refused(make_posterior, weights, message):
 def test_what_cannot_be_compared_is_refused(make_posterior, names, digest, message):
     posteriors = [make_posterior(name) for name in names]
     posteriors[1:2] = [make_posterior(name, data_digest=digest) for name in names[1:2]]
-    with pytest.raises(ValueError, match=message):
-        bs.compare(posteriors)
+    assert_refused(message, bs.compare, posteriors)
 
 
 @pytest.mark.parametrize(("log_evidence", "flagged"), [(-2.0, True), (-8.0, False)])

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 from searches import COARSE, screened
 
 import bayes_ssi as bs
@@ -209,8 +210,7 @@ def test_two_studies_in_one_file_are_refused_by_their_names(tiny_study_file):
     assert load_study(tiny_study_file).name == "Two storeys"  # of two names
     with tiny_study_file.open("a") as file:
         file.write("another = study.only(['one k'])\n")
-    with pytest.raises(ValueError, match="defines several studies, study, another; keep one"):
-        load_study(tiny_study_file)
+    assert_refused("defines several studies, study, another; keep one", load_study, tiny_study_file)
 
 
 def test_errors_name_the_line_of_the_file(tiny_study_file):
@@ -218,8 +218,7 @@ def test_errors_name_the_line_of_the_file(tiny_study_file):
         file.write("bs.LogNormal(median=1.0,\n            cov=-1.0)\n")
     n_lines = len(tiny_study_file.read_text().splitlines())
     message = rf"line ({n_lines - 1}|{n_lines}): ValueError: LogNormal: cov must be positive"
-    with pytest.raises(ValueError, match=message):
-        load_study(tiny_study_file)
+    assert_refused(message, load_study, tiny_study_file)
 
 
 HELPER = "def half(x):\n    return x / 0\n"
@@ -248,8 +247,7 @@ def test_errors_name_the_lines_of_the_study_and_of_what_it_calls(
     (tmp_path / "helper_of_study.py").write_text(helper)
     (tmp_path / "s.py").write_text(study)
     sys.modules.pop("helper_of_study", None)
-    with pytest.raises(ValueError, match=rf"^s\.py: {message}"):
-        load_study("s.py")
+    assert_refused(rf"^s\.py: {message}", load_study, "s.py")
 
 
 def test_errors_of_a_function_that_is_called_later_have_their_line(tmp_path):
@@ -264,6 +262,5 @@ study = bs.Study("s", [bs.ModelClass("c", structure, data, pairing={"1": 1})])
 """)
     (candidate,) = load_study(path).model_classes
     place = r"at k = 1: ZeroDivisionError: division by zero \(s\.py, line 4\)$"
-    with pytest.raises(ValueError, match=place):
-        candidate.check_structure()
+    assert_refused(place, candidate.check_structure)
     assert re.search(place, evaluate(candidate.log_likelihood_at, np.zeros((1, 3))).failures[0])

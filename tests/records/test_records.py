@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records.spectra import transforms_of
@@ -80,14 +81,12 @@ def test_instants_that_are_not_numbers_are_gaps():
     ],
 )
 def test_a_wrong_record_is_refused(changed, message):
-    with pytest.raises(ValueError, match=message):
-        record(**changed)
+    assert_refused(message, record, **changed)
 
 
 def test_a_band_must_be_in_the_record():
     assert record().checked_band((0.5, 25)) == (0.5, 25.0)
-    with pytest.raises(ValueError, match="30 Hz is beyond 25 Hz, half the rate"):
-        record().checked_band((0.5, 30))
+    assert_refused("30 Hz is beyond 25 Hz, half the rate", record().checked_band, (0.5, 30))
     with pytest.raises(ValueError, match=r"0\.05 Hz is below 0\.125 Hz, the lowest frequency in"):
         record().checked_band((0.05, 2))
 
@@ -164,8 +163,7 @@ def test_plain_numbers_need_what_they_do_not_state(tmp_path):
             bs.read_record(path, **{k: v for k, v in given.items() if k != missing})
     del given["quantity"]
     assert bs.read_record(path, **given).quantity == "velocity"  # as its unit says
-    with pytest.raises(ValueError, match=r"\(--rate\); .*\(--quantity\); .*unit.*; .*\(--sensor\)"):
-        bs.read_record(path)
+    assert_refused(r"\(--rate\); .*\(--quantity\); .*unit.*; .*\(--sensor\)", bs.read_record, path)
 
 
 def of_columns(path, times, *, named=True, separator=","):
@@ -247,30 +245,25 @@ def test_several_files_of_one_setup(tmp_path):
 def test_a_wrong_text_file_is_explained(tmp_path, text, message):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    with pytest.raises(ValueError, match=f"a.csv: .*{message}"):
-        bs.read_record(path, quantity="acceleration", unit="g")
+    assert_refused(f"a.csv: .*{message}", bs.read_record, path, quantity="acceleration", unit="g")
 
 
 def test_a_wrong_file_of_arrays_is_explained(tmp_path):
     path = tmp_path / "a.npz"
     np.savez(path, first=SAMPLES, second=SAMPLES[:, :9], **STATED)
-    with pytest.raises(ValueError, match="'first', 'second' differ in length"):
-        bs.read_record(path)
+    assert_refused("'first', 'second' differ in length", bs.read_record, path)
     with pytest.raises(ValueError, match="no array of samples 'third'; choose from 'first', 'sec"):
         bs.read_record(path, keys=["third"])
     assert bs.read_record(path, keys=["first"], sensors=NAMES).sensors == NAMES
     np.savez(path, samples=SAMPLES, **STATED | {"rate_hz": [1.0, 2.0]})
-    with pytest.raises(ValueError, match=r"rate_hz must be .*, got \[1.0, 2.0\]"):
-        bs.read_record(path)
+    assert_refused(r"rate_hz must be .*, got \[1.0, 2.0\]", bs.read_record, path)
     np.savez(path, samples=SAMPLES * 1j)
     holds = r"no rows .*; it holds 'samples' \(complex128, \(3, 400\)"
-    with pytest.raises(ValueError, match=holds):
-        bs.read_record(path)
+    assert_refused(holds, bs.read_record, path)
     for ending in ("npz", "mat", "h5"):
         damaged = tmp_path / f"damaged.{ending}"
         damaged.write_bytes(b"nothing of the kind " * 20)
-        with pytest.raises(ValueError, match=f"damaged.{ending}: cannot be read; damaged"):
-            bs.read_record(damaged)
+        assert_refused(f"damaged.{ending}: cannot be read; damaged", bs.read_record, damaged)
     with pytest.raises(FileNotFoundError):
         bs.read_record(tmp_path / "none.csv")
 

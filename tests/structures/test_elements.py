@@ -5,6 +5,7 @@ from dataclasses import make_dataclass
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
@@ -118,8 +119,7 @@ def test_a_spring_four_times_as_stiff_is_a_frequency_twice_as_high(building, kin
     "between", [(1, 1), (1, 2, 3), (True, 2), (-1, 1), (1.0, 2.0), "12", (1,), 1, None]
 )
 def test_infills_between_impossible_floors_are_refused(kind, between):
-    with pytest.raises(ValueError, match="between must be two different floors such as"):
-        kind(between, 0.2, 1.0)
+    assert_refused("between must be two different floors such as", kind, between, 0.2, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -149,8 +149,7 @@ def test_infills_between_impossible_floors_are_refused(kind, between):
     ],
 )  # fmt: skip
 def test_impossible_elements_are_refused(build, message):
-    with pytest.raises(ValueError, match=message):
-        build()
+    assert_refused(message, build)
 
 
 def test_an_element_quantity_that_is_no_number_is_refused():

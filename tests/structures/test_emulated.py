@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import COARSE, assert_one_line_error, succeeded
+from conftest import COARSE, assert_one_line_error, assert_refused, succeeded
 from scipy.linalg import eigh
 
 import bayes_ssi as bs
@@ -96,8 +96,7 @@ def test_runs_that_are_missing_are_named_among_what_is_required():
     ],
 )
 def test_what_cannot_be_emulated_is_refused(factors, runs, words):
-    with pytest.raises(ValueError, match=words):
-        emulated(factors, runs)
+    assert_refused(words, emulated, factors, runs)
 
 
 def table(hz, shapes):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import assert_refused
 
 import bayes_ssi as bs
 
@@ -59,8 +60,7 @@ def test_a_place_that_is_at_no_node_has_no_location():
     ],
 )
 def test_bad_geometries_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        bs.Geometry(*arguments)
+    assert_refused(message, bs.Geometry, *arguments)
 
 
 def test_a_geometry_of_other_nodes_is_refused():
@@ -96,8 +96,7 @@ def test_a_structure_without_parameters_answers_for_every_row(fixed):
     ],
 )
 def test_elements_that_the_structure_cannot_have_are_refused(fixed, element, message):
-    with pytest.raises(ValueError, match=message):
-        fixed.with_element(element)
+    assert_refused(message, fixed.with_element, element)
 
 
 def test_two_elements_of_one_label_are_refused(fixed):

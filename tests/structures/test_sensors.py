@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import scipy.linalg
+from conftest import assert_refused
 
 import bayes_ssi as bs
 from bayes_ssi.structures.response import transfer_functions
@@ -118,8 +119,7 @@ def test_labels_are_taken_once(label):
     ],
 )
 def test_bad_sensors_are_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+    assert_refused(message, make)
 
 
 K = np.array([[300.0, -200.0, 0.0], [-200.0, 400.0, -200.0], [0.0, -200.0, 200.0]])
@@ -172,8 +172,7 @@ def test_they_measure_combinations_of_the_modes(make):
     ],
 )
 def test_what_is_not_on_the_structure_is_refused(make, sensor, message):
-    with pytest.raises(ValueError, match=message):
-        make().with_sensors([sensor])
+    assert_refused(message, make().with_sensors, [sensor])
 
 
 def test_they_stay_on_a_reduced_model_with_an_element():
@@ -211,5 +210,4 @@ def test_a_sensor_on_an_appendage_stays_where_it_becomes_a_mass():
     assert not rigid.appendages
     rows = rigid.sensor_matrix(sensors).apply(np.eye(3), axis=0)
     np.testing.assert_allclose(rows, [[0.5, 0.5, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-    with pytest.raises(ValueError, match="'tank'"):
-        frame.sensor_matrix(["tank"])
+    assert_refused("'tank'", frame.sensor_matrix, ["tank"])
