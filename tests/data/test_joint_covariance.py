@@ -84,9 +84,11 @@ def csv(tmp_path):
     return path
 
 
-def test_a_file_names_its_covariance_and_keeps_it(csv):
+def test_a_file_keeps_the_covariance_that_it_names(csv):
     assert "# identification,modes.identification.json" in csv.read_text()
     np.testing.assert_array_equal(bs.read_modal_data(csv).covariance, data().covariance)
+    csv.write_text(csv.read_text().replace("# identification,modes.identification.json\n", ""))
+    assert bs.read_modal_data(csv).covariance is None
 
 
 def test_modes_may_be_renamed_and_left_out(csv):
@@ -97,11 +99,6 @@ def test_modes_may_be_renamed_and_left_out(csv):
     assert read.labels == ("bending",)
     rows = [1, 5, 6, 7]
     np.testing.assert_allclose(read.covariance, data().covariance[np.ix_(rows, rows)], rtol=1e-12)
-
-
-def test_without_its_line_the_covariance_is_not_used(csv):
-    csv.write_text(csv.read_text().replace("# identification,modes.identification.json\n", ""))
-    assert bs.read_modal_data(csv).covariance is None
 
 
 def _change(path, **changes):

@@ -120,10 +120,6 @@ def test_a_row_of_empty_cells_and_a_file_without_sensors_have_no_shape(read):
     assert data.modes[0].shape_sd == 0.02
 
 
-def test_band_from_the_caller(read):
-    assert read(HEAD + "1, 1.0\n", band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
-
-
 TABLES = {
     "radians and percent": "Mode, Frequency (rad/s), Damping (%), a, b\n"
     "1, 9.42477796, 1.2, 0.5, 1\n",
@@ -301,7 +297,8 @@ def test_a_label_that_would_read_as_a_remark_is_refused():
     assert_refused(r"mode label may not begin with '#'.*'#1'", bs.IdentifiedMode, "#1", 1.0)
 
 
-def test_keys_may_stand_below_the_column_names(read):
+def test_the_band_may_be_given_and_keys_may_stand_below_the_column_names(read):
+    assert read(HEAD + "1, 1.0\n", band_hz=(0.5, 3)).band_hz == (0.5, 3.0)
     data = read("label, frequency_hz\n# band_hz, 0, 6\n1, 1.0\n# source: a test\n")
     assert (data.band_hz, data.source) == ((0.0, 6.0), "a test")
 
