@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import assert_one_line_error, assert_refused, succeeded
+from conftest import FLOORS, assert_one_line_error, assert_refused, succeeded
 from searches import COARSE as OF_FEW
 from searches import exact_modes
 
@@ -28,7 +28,6 @@ from bayes_ssi.studies.search.family_search import FamilySearch, screened_hypoth
 pytestmark = pytest.mark.usefixtures("quick_screening")
 COARSE = replace(OF_FEW, particles=100)  # for up to a dozen parameters
 K = (2.0 * np.pi) ** 2
-SENSORS = ("floor 1", "floor 2", "floor 3")
 NAMES = ("k1", "k2", "k3")
 PRIOR = bs.LogNormal(1.0, 0.1)
 BUILDING = bs.ShearBuilding((1.0,) * 3, [K * bs.Parameter(name, PRIOR) for name in NAMES])
@@ -38,7 +37,7 @@ ERROR = bs.ErrorModel(bs.Parameter("frequency_cov", bs.LogNormal(0.01, 0.5)), 0.
 def identified(structure=BUILDING, stiffnesses=None, rng=None, labels=("1", "2", "3")):
     """The modes of the building, or of it with elements; with errors if ``rng`` is given."""
     sizes = {"frequency_cov": 0.002, "shape_sd": 0.01}
-    data = exact_modes(structure, SENSORS, (0.0, 3.0), values=stiffnesses, **sizes)
+    data = exact_modes(structure, FLOORS, (0.0, 3.0), values=stiffnesses, **sizes)
     scatter = np.zeros((len(labels), 4)) if rng is None else rng.standard_normal((len(labels), 4))
     modes = [
         replace(mode, label=label, frequency_hz=mode.frequency_hz * (1.0 + 0.002 * own[0]),
@@ -410,7 +409,7 @@ def test_the_command_refuses_bad_input(run, study_file, options, message):
 
 
 # At the prior medians, in a band that holds the modes with large errors.
-MODES = exact_modes(BUILDING, SENSORS, (0.0, 9.0), frequency_cov=0.002, shape_sd=0.01)
+MODES = exact_modes(BUILDING, FLOORS, (0.0, 9.0), frequency_cov=0.002, shape_sd=0.01)
 
 
 def test_nine_in_ten_are_above_where_the_normal_distribution_has_them():

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import assert_one_line_error
+from conftest import FLOORS, assert_one_line_error
 
 import bayes_ssi as bs
 
-NAMES = ("floor 1", "floor 2", "floor 3")
 SAMPLES = np.random.default_rng(0).standard_normal((3, 400))  # 8 s
 STATED = {"rate_hz": 50.0, "quantity": "acceleration", "unit": "m/s2"}
 
@@ -16,7 +15,7 @@ STATED = {"rate_hz": 50.0, "quantity": "acceleration", "unit": "m/s2"}
     [
         ({"rate_hz": 0.0}, (), "rate_hz must be a positive, finite number, got 0.0"),
         ({}, ("--rate", 40.0), "two rates are given: 40 and 50 Hz"),
-        ({"samples": SAMPLES[:1], "sensors": NAMES[:1]}, (), "no mode is identified from 0.6 to"),
+        ({"samples": SAMPLES[:1], "sensors": FLOORS[:1]}, (), "no mode is identified from 0.6 to"),
         ({"samples": SAMPLES[:, :3]}, (), "the wrong way round?"),
         ({}, ("--mode", 1.0, "--mode", 9.0), "at: frequencies must be within 0.6 to 4.6 Hz, got"),
         ({"samples": SAMPLES[:, :100]},
@@ -25,7 +24,7 @@ STATED = {"rate_hz": 50.0, "quantity": "acceleration", "unit": "m/s2"}
     ],
 )  # fmt: skip
 def test_a_record_that_cannot_be_used_is_one_line(run, changed, options, words):
-    np.savez("setup.npz", **({"samples": SAMPLES, "sensors": NAMES} | STATED | changed))
+    np.savez("setup.npz", **({"samples": SAMPLES, "sensors": FLOORS} | STATED | changed))
     done = run("identify", "setup.npz", "--band", 0.6, 4.6, *options, "--out", "modes.csv")
     assert_one_line_error(done, words)
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import assert_one_line_error, succeeded
+from conftest import FLOORS, assert_one_line_error, succeeded
 from identified_records import identified
 from simulated_records import simulated_record, with_infill
 
@@ -17,7 +17,6 @@ from bayes_ssi.measurements.records import modal_identification
 from bayes_ssi.results.identification_answer import identification_answer
 
 pytestmark = pytest.mark.usefixtures("once")
-SENSORS = ("floor 1", "floor 2", "floor 3")
 BAND = ["--band", "0.6", "4.6"]
 
 
@@ -73,9 +72,9 @@ def run(*arguments):
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     rng = np.random.default_rng(0)
-    record = simulated_record(with_infill(), SENSORS, rng, duration_s=300.0, rate_hz=20.0)
+    record = simulated_record(with_infill(), FLOORS, rng, duration_s=300.0, rate_hz=20.0)
     path = tmp_path_factory.mktemp("record") / "setup.npz"
-    np.savez(path, samples=record.samples, sensors=SENSORS, rate_hz=20.0, unit="m/s2")
+    np.savez(path, samples=record.samples, sensors=FLOORS, rate_hz=20.0, unit="m/s2")
     return path
 
 
@@ -101,7 +100,7 @@ def test_a_record_becomes_a_file_of_modes(path, tmp_path):
         "whitened_residuals",
     ]  # fmt: skip
     modes = bs.read_modal_data(out)
-    assert modes.sensors == SENSORS
+    assert modes.sensors == FLOORS
     assert modes.source == "identified from setup.npz"
     np.testing.assert_allclose(modes.frequencies_hz, [0.983, 2.604, 3.005, 3.984], rtol=0.02)
     np.testing.assert_array_equal(

@@ -124,16 +124,13 @@ def test_search_with_failed_data(run, path, fake_sampling):
     assert says_both(run("search", path, "--class", "one k", "--most", "1"))
 
 
-def test_check_with_failed_data(run, path):
+def test_check_and_calibrate_with_failed_data(run, path):
     done = run("check", path.parent / "modes.csv")
     assert says_both(done)
     assert "No warnings" not in done.stdout
     record = json.loads(run("check", path.parent / "modes.csv", "--json").stdout)
     assert record["failed_checks"] == [CHECK, NOT_IDENTIFIED]
     assert record["remarks"] == []
-
-
-def test_calibrate_with_failed_data(run, path):
     assert says_both(run("calibrate", path, "--class", "one k", "--starts", 4))
 
 

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from conftest import multiplier
+from conftest import FLOORS, multiplier
 from dense_errors import Dense
 from scipy.stats import chi2
 
@@ -222,7 +222,6 @@ def test_the_least_error_is_that_of_the_difference_that_data_determine_best(test
         np.testing.assert_allclose(shape, math.sqrt(SHAPE_SD**2 * of_shapes + 0.01**2), rtol=1e-9)
 
 
-SENSORS = ("floor 1", "floor 2", "floor 3")
 FIXED = bs.ErrorModel(0.001, 0.006)  # with which no modes are close
 INFERRED = bs.ErrorModel(*(
     bs.Parameter(name, bs.LogNormal(size, 0.5)) for name, size in (("sf", 0.001), ("ss", 0.006))
@@ -243,7 +242,7 @@ def identified(augmented, missing=True):
         hz = frequencies[0, i] * (1.0 + 0.005 * rng.standard_normal())
         modes.append(bs.IdentifiedMode(label, hz, None if missing and label == "c" else shape))
     factor = 0.004 * np.random.default_rng(0).standard_normal((12, 12))
-    return bs.ModalData(tuple(modes), (0.0, 6.0), SENSORS, covariance=factor @ factor.T)
+    return bs.ModalData(tuple(modes), (0.0, 6.0), FLOORS, covariance=factor @ factor.T)
 
 
 def drawn(model_class, n=6):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import assert_refused
+from conftest import FLOORS, assert_refused
 from scipy.special import gammaincc, logsumexp
 from searches import COARSE, exact_modes
 
@@ -22,7 +22,6 @@ from bayes_ssi.studies.planning.centred_draws import Seen, _resampled, log_ratio
 from bayes_ssi.studies.planning.planned_class import PlannedClass, shape_distances
 
 BAND = (0.0, 6.0)
-FLOORS = ("floor 1", "floor 2", "floor 3")
 FEW, LEAST = {"n_tests": 200, "n_draws": 100}, {"n_tests": 50, "n_draws": 50}
 
 
@@ -260,8 +259,7 @@ BAD = {
 
 @pytest.mark.parametrize("message", BAD)
 def test_bad_input_is_named(two_classes, message):
-    given = {"n_sensors": 2, **FEW, **BAD[message]}
-    assert_refused(message, bs.plan, two_classes, **given)
+    assert_refused(message, bs.plan, two_classes, **{"n_sensors": 2, **FEW, **BAD[message]})
 
 
 def frequencies(structure, values):

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import assert_refused
+from conftest import FLOORS, assert_refused
 
 import bayes_ssi as bs
 from bayes_ssi.measurements.records.spectra import transforms_of
@@ -13,12 +13,11 @@ from bayes_ssi.measurements.records.spectra import transforms_of
 RATE = 50.0
 TIMES = np.arange(400) / RATE
 SAMPLES = np.array([np.sin(9 * TIMES), np.cos(7 * TIMES) + 0.3, 0.1 * TIMES])
-NAMES = ("floor 1", "floor 2", "floor 3")
 
 
 def record(**changed):
     given = {
-        "samples": SAMPLES, "rate_hz": RATE, "sensors": NAMES, "quantity": "acceleration",
+        "samples": SAMPLES, "rate_hz": RATE, "sensors": FLOORS, "quantity": "acceleration",
         "unit": "m/s2",
     }  # fmt: skip
     return bs.Record(**(given | changed))
@@ -72,7 +71,7 @@ def test_instants_that_are_not_numbers_are_gaps():
         ),
         ({"samples": SAMPLES * 1j}, "samples must be rows of real numbers"),
         ({"samples": SAMPLES[0]}, r"must be \(n_sensors, n_samples\), got \(400,\)"),
-        ({"sensors": NAMES[:2]}, "2 names for 3 sensors"),
+        ({"sensors": FLOORS[:2]}, "2 names for 3 sensors"),
         ({"sensors": ("a", "b", "a")}, "two sensors are named 'a'"),
         ({"sensors": ("a", "b", "damping")}, "may not be named 'damping'"),
         ({"rate_hz": np.float64(0.0)}, "rate_hz must be a positive, finite number, got 0.0"),
@@ -108,24 +107,24 @@ STATED = {"rate_hz": RATE, "quantity": "acceleration", "unit": "g"}
 
 
 def csv(path, *, time=False):
-    stated, names, columns = dict(STATED), NAMES, SAMPLES.T
+    stated, names, columns = dict(STATED), FLOORS, SAMPLES.T
     if time:
         del stated["rate_hz"]
-        names, columns = ("time (s)", *NAMES), np.column_stack([TIMES, SAMPLES.T])
+        names, columns = ("time (s)", *FLOORS), np.column_stack([TIMES, SAMPLES.T])
     head = "\n".join([*(f"# {key}, {value}" for key, value in stated.items()), ",".join(names)])
     np.savetxt(path, columns, fmt="%.12g", delimiter=",", header=head, comments="")
     return path
 
 
 def npz(path):
-    np.savez(path, acceleration=SAMPLES.T, sensors=NAMES, **STATED)
+    np.savez(path, acceleration=SAMPLES.T, sensors=FLOORS, **STATED)
     return path
 
 
 def mat(path):
     from scipy.io import savemat
 
-    savemat(path, {"a": SAMPLES, "sensors": np.array(NAMES, dtype=object), **STATED})
+    savemat(path, {"a": SAMPLES, "sensors": np.array(FLOORS, dtype=object), **STATED})
     return path
 
 
@@ -133,7 +132,7 @@ def hdf5(path):
     with pytest.importorskip("h5py").File(path, "w") as file:
         dataset = file.create_dataset("setup 1/samples", data=SAMPLES)
         dataset.attrs.update(STATED)
-        dataset.attrs["sensors"] = NAMES
+        dataset.attrs["sensors"] = FLOORS
     return path
 
 
@@ -145,14 +144,14 @@ def hdf5(path):
 def test_files_that_state_all(tmp_path, write, name):
     one = bs.read_record(write(tmp_path / name))
     np.testing.assert_allclose(one.samples, SAMPLES, rtol=1e-10, atol=1e-12)
-    assert (one.sensors, one.quantity, one.unit) == (NAMES, "acceleration", "g")
+    assert (one.sensors, one.quantity, one.unit) == (FLOORS, "acceleration", "g")
     assert one.rate_hz == pytest.approx(RATE, rel=1e-9)
 
 
 def test_plain_numbers_need_what_they_do_not_state(tmp_path):
     path = tmp_path / "a.txt"
     np.savetxt(path, SAMPLES.T)
-    given = {"rate_hz": RATE, "quantity": "velocity", "unit": "mm/s", "sensors": NAMES}
+    given = {"rate_hz": RATE, "quantity": "velocity", "unit": "mm/s", "sensors": FLOORS}
     np.testing.assert_array_equal(bs.read_record(path, **given).samples, SAMPLES)
     for missing, message in {
         "rate_hz": "rate_hz, the samples per second, is not given",
@@ -175,7 +174,7 @@ def of_columns(path, times, *, named=True, separator=","):
     ]
     names = [separator.join("tabc")] if named else []
     path.write_text("\n".join(["# quantity, acceleration", "# unit, g", *names, *rows]) + "\n")
-    return bs.read_record(path, sensors=NAMES)
+    return bs.read_record(path, sensors=FLOORS)
 
 
 @pytest.mark.parametrize("named", [True, False])
@@ -215,7 +214,7 @@ def test_iso_time_stamps(tmp_path, form, named, separator):
 
 def test_several_files_of_one_setup(tmp_path):
     paths = []
-    for name, row in zip(NAMES, SAMPLES, strict=True):
+    for name, row in zip(FLOORS, SAMPLES, strict=True):
         paths.append(tmp_path / f"{name}.npz")
         np.savez(paths[-1], samples=row, sensors=name, **STATED)
     np.testing.assert_array_equal(bs.read_record(paths).samples, SAMPLES)
@@ -254,7 +253,7 @@ def test_a_wrong_file_of_arrays_is_explained(tmp_path):
     assert_refused("'first', 'second' differ in length", bs.read_record, path)
     with pytest.raises(ValueError, match="no array of samples 'third'; choose from 'first', 'sec"):
         bs.read_record(path, keys=["third"])
-    assert bs.read_record(path, keys=["first"], sensors=NAMES).sensors == NAMES
+    assert bs.read_record(path, keys=["first"], sensors=FLOORS).sensors == FLOORS
     np.savez(path, samples=SAMPLES, **STATED | {"rate_hz": [1.0, 2.0]})
     assert_refused(r"rate_hz must be .*, got \[1.0, 2.0\]", bs.read_record, path)
     np.savez(path, samples=SAMPLES * 1j)
@@ -294,11 +293,11 @@ def test_a_tdms_file(tmp_path):
     path = tmp_path / "a.tdms"
     stated = {"wf_increment": 1 / RATE, "unit_string": "g"}
     with nptdms.TdmsWriter(path) as writer:
-        for name, row in zip(NAMES, SAMPLES, strict=True):
+        for name, row in zip(FLOORS, SAMPLES, strict=True):
             writer.write_segment([nptdms.ChannelObject("setup", name, row, properties=stated)])
     one = bs.read_record(path, quantity="acceleration")
     np.testing.assert_array_equal(one.samples, SAMPLES)
-    assert (one.sensors, one.unit) == (NAMES, "g")
+    assert (one.sensors, one.unit) == (FLOORS, "g")
     assert one.rate_hz == pytest.approx(RATE)
     with pytest.raises(ValueError, match="no group 'other'; choose from 'setup'"):
         bs.read_record(path, quantity="acceleration", keys=["other"])

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import assert_refused
+from conftest import FLOORS, assert_refused
 from scipy.linalg import expm
 
 import bayes_ssi as bs
@@ -20,7 +20,6 @@ from bayes_ssi.structures.response import (
 )
 
 NO_VALUES = np.empty((1, 0))
-FLOORS = ("floor 1", "floor 2", "floor 3")
 RATIOS = (0.01, 0.02, 0.03, 0.05)
 
 
@@ -183,9 +182,7 @@ def test_a_black_box_answers_through_the_same_seam():
         time_histories(BlackBox(), NO_VALUES, motion, output, 0.02),
         time_histories(oscillator, NO_VALUES, motion, output, 0.02), rtol=1e-10, atol=1e-14,
     )  # fmt: skip
-
-
-def test_a_modal_model_that_does_not_fit_is_refused():
+    # A modal model that does not fit is refused.
     box = BlackBox()
     box.wrong = True
     with pytest.raises(ValueError, match=r"BlackBox: its modal model .*expected \(\(1, 1\)"):
