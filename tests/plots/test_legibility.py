@@ -17,13 +17,11 @@ from bayes_ssi.plots.place_plots import plot_place_bars
 from bayes_ssi.report.report_figures import embedded_drawing
 from bayes_ssi.results.predictions.posterior_draws import Band
 
-LONG = "each storey, free errors, infill of mass 0.15"
-
 
 @pytest.fixture
 def posteriors(make_posterior):
-    pairing = {"1": 1, "2a": 2}
-    return [make_posterior(name, i, pairing=pairing) for i, name in enumerate(("3", "1-a", LONG))]
+    names = ("3", "1-a", "each storey, free errors, infill of mass 0.15")
+    return [make_posterior(name, i, pairing={"1": 1, "2a": 2}) for i, name in enumerate(names)]
 
 
 @pytest.fixture

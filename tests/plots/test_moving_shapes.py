@@ -19,8 +19,6 @@ from bayes_ssi.plots.figure_style import figures_for_files
 from bayes_ssi.structures.geometry import Geometry, stick
 from bayes_ssi.structures.solver_files.abaqus_and_calculix import geometry_of_deck
 
-GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-
 
 def scene_of(structure, modes, pairing, sensors=(), at_draws=lambda: None):
     """The scene of a class; ``at_draws`` is called once its modes at draws are known."""
@@ -57,7 +55,7 @@ def test_floors_of_a_building_move_as_plates(tiny_ranking):
         assert mode["note"].endswith(f"MAC {updated.mac_after[1]:.4f}")
         assert f"model {updated.after_hz[1]:.4g} Hz" in mode["note"]
     first = np.array(scene["modes"][0]["model"])
-    assert abs(first[0] / first[1]) == pytest.approx(GOLDEN, abs=0.05)
+    assert abs(first[0] / first[1]) == pytest.approx((np.sqrt(5.0) - 1.0) / 2.0, abs=0.05)
 
 
 def test_a_mode_that_a_class_does_not_explain_is_measured_motion_alone():

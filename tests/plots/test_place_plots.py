@@ -82,9 +82,7 @@ def test_places_without_direction_have_the_marker_of_their_kind(draw):
     ax = draw(places_in_space((0.1, 0.9)))
     assert labels_of(ax) == ["pendulum"]
     assert [len(each.get_offsets()) for each in ax.collections] == [1, 1]
-
-
-def test_places_without_coordinates_are_left_out_of_a_map(draw):
+    # Those without coordinates are left out.
     ax = draw([*places_in_space((0.3, 0.3)), *loose([0.4])])
     assert title_of(ax).startswith("Most probable: pendulum p")
     assert len(ax.collections) == 2
@@ -112,9 +110,6 @@ def test_without_coordinates_the_most_probable_places_are_bars(draw):
     assert lengths[-1] == pytest.approx(0.01 * (32 - MOST_BARS))
     assert ax.get_yticklabels()[-1].get_text() == f"{32 - MOST_BARS} others together"
     assert ax.get_xlabel() == "probability of an appendage"
-
-
-def test_no_tick_of_a_probability_is_above_one(draw):
-    ax = draw(loose([0.999, 0.001]))
+    ax = draw(loose([0.999, 0.001]))  # no tick of a probability is above one
     assert max(ax.get_xticks()) == pytest.approx(1.0)
     assert ax.get_xlim() == (0.0, pytest.approx(1.25 * 0.999))

@@ -107,7 +107,9 @@ def test_corner(make_posterior):
         plot_corner(posterior, parameters=("k9",))
 
 
-def test_a_corner_plot_marks_true_values(make_posterior):
+def test_a_corner_plot_marks_true_values_and_states_units(make_posterior):
+    corner = plot_corner(make_posterior("a"), units={"k2": "N/m"})
+    assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}
     k1, _, _, k2 = plot_corner(make_posterior("3"), truths={"k2": 0.25}).axes
     at = [line.get_xdata()[0] for line in k2.lines]
     assert at[:3] == pytest.approx(np.quantile(make_posterior("3").values[:, 1], [0.05, 0.5, 0.95]))
@@ -185,9 +187,6 @@ def test_identified_modes(case_c):
     bars = {bar.get_gid().split(", ")[-1]: bar.get_width() for bar in shapes[0].patches}
     assert bars["floor 3: 1.000"] == pytest.approx(1.0)
     assert bars["floor 1: 0.452"] == pytest.approx(0.3314169 / 0.7336109)
-
-
-def test_modes_without_shapes(case_c):
     assert len(plot_identified_modes(case_c.without_shapes()).axes) == 1
 
 
@@ -206,11 +205,6 @@ def test_shapes_beside_identified_ones(updated, case_c):
     beyond = "appendage beyond the scale, its component below"
     assert labels == ["model", "appendage", "identified", beyond]
     assert_refused("no mode is paired", plot_mode_shapes, replace(updated, modes=()), case_c)
-
-
-def test_units_stand_beside_the_names_of_parameters(make_posterior):
-    corner = plot_corner(make_posterior("a"), units={"k2": "N/m"})
-    assert {ax.get_xlabel() for ax in corner.axes[-2:]} == {"k1", "k2 (N/m)"}
 
 
 # Standard deviations to either side that hold 90 %.

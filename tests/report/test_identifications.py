@@ -158,9 +158,7 @@ def test_auto_mac_is_the_squared_cosine_of_the_angle_between_shapes():
     apart = auto_mac(data_of([turned(0), turned(60), turned(100)]))
     words = "tell all modes apart: the most alike are 2 and 3 (MAC 0.59)."
     assert apart["sentence"].endswith(words)
-
-
-def test_shapes_that_cannot_be_compared():
+    # Shapes that cannot be compared.
     assert auto_mac(data_of([turned(0), None])) is None
     found = auto_mac(data_of([[1.0, np.nan], [np.nan, 1.0]]))
     assert found["sentence"] == "No two modes were measured at a common sensor."

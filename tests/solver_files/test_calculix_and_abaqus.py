@@ -136,7 +136,7 @@ def test_read_back_exactly_without_held_rows(tmp_path):
     assert any(note == "2 rows that are restrained are left out: 1 x, 1 z" for note in model.notes)
 
 
-def test_both_triangles_and_own_nodes(tmp_path):
+def test_both_triangles_own_nodes_and_no_labels(tmp_path):
     k, _ = portal()
     whole = labelled([(i, j, k[i, j]) for i, j in np.argwhere(k)])
     assert_is_portal(bs.read_model(written(tmp_path, stiffness=["1,1, 1,1, 1e36", *whole])))
@@ -145,9 +145,6 @@ def test_both_triangles_and_own_nodes(tmp_path):
     assert model.labels[0] == "internal 4 x"
     # An own node is no point that moves.
     assert model.total_mass["x"] == 5e3
-
-
-def test_without_labels(tmp_path):
     k, m = (
         [f"{i + 1}, {j + 1}, {value!r}" for i, j, value in lower_entries(each)] for each in portal()
     )
@@ -165,8 +162,7 @@ def test_without_labels(tmp_path):
     ],
 )  # fmt: skip
 def test_wrong_matrices_of_abaqus_are_refused_in_one_line(tmp_path, changed, message):
-    path = written(tmp_path, **changed)
-    assert_refused(message, bs.read_model, path)
+    assert_refused(message, bs.read_model, written(tmp_path, **changed))
 
 
 def test_the_file_of_the_mass_is_found_by_its_name_or_asked_for(tmp_path):

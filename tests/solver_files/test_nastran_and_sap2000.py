@@ -84,8 +84,7 @@ def test_small_and_free_fields_and_scalar_points(tmp_path):
     ],
 )
 def test_wrong_punches_are_refused_in_one_line(tmp_path, blocks, message):
-    path = write(tmp_path / "frame.pch", *blocks)
-    assert_refused(message, bs.read_model, path)
+    assert_refused(message, bs.read_model, write(tmp_path / "frame.pch", *blocks))
 
 
 @pytest.fixture
@@ -197,8 +196,7 @@ def test_rows_for_displacements_that_constraints_move(tmp_path):
 
 
 def test_a_record_may_continue_in_lines_without_a_tab(tmp_path):
-    split = ["2\t1\t0\t2\t0\t3", "0"]
-    text_files(tmp_path, TXE=[EQUATIONS[0], *split, *EQUATIONS[2:]])
+    text_files(tmp_path, TXE=[EQUATIONS[0], "2\t1\t0\t2\t0\t3", "0", *EQUATIONS[2:]])
     assert bs.read_model(tmp_path / "Portal.TXE").labels[:3] == ("2 x", "2 z", "2 ry")
 
 

@@ -49,14 +49,11 @@ def test_ranking(make_posterior):
     assert cells(table, ["1-a"]) == expected
 
 
-def test_a_failed_check_marks_its_class(make_posterior):
+def test_a_failed_check_marks_its_class_and_a_remark_none(make_posterior):
     doubtful = make_posterior("b", -1.0, failed_checks=("the ensembles differ",))
     actual = bs.compare([make_posterior("a"), doubtful])
     assert [line for line in printed(ranking_table(actual)) if "b (!)" in line]
     assert comparison_notes(actual)[-1].startswith("(!): a check failed")
-
-
-def test_a_remark_marks_no_class(make_posterior):
     comparison = bs.compare([make_posterior("a")])
     (row,) = comparison.classes
     remark = Check("setting", "the band's end", fails=False)
@@ -269,12 +266,9 @@ def test_populations_are_in_the_units_of_the_parameters(made):
     assert (low, high) == pytest.approx((114.0 - 3.29, 114.0 + 3.29), abs=0.5)
 
 
-def test_tables_fit_a_narrow_terminal(made):
+def test_a_ranking_of_populations_and_its_notes(made):
     for table in (populations_table(made), population_table(made, 20.0)):
         assert_every_cell_is_whole(table, 60)
-
-
-def test_a_ranking_of_populations_and_its_notes(made):
     assert [str(column[0]) for column in columns_of(populations_table(made))] == [
         "varies (!)", "-3.00 ± 0.10", "0.00", "> 0.9999", "best",
     ]  # fmt: skip
