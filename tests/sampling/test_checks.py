@@ -170,9 +170,7 @@ def test_a_small_region_may_be_missed(sampled):
     )
     assert small.region_shares[1] < 0.02
     assert not [check for check in small.failed_checks if "region" in check]
-
-
-def test_regions_of_one_are_not_asked_for(sampled):
+    # Nor are regions of one asked for.
     one = Regions(sampled.regions.draws, np.zeros_like(sampled.regions.labels))
     assert replace(sampled, regions=one).failed_checks == []
 

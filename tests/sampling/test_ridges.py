@@ -30,14 +30,13 @@ def bowl(z):
     return norm.logpdf(z[:, -1] - CURVATURE * (z[:, :-1] ** 2).sum(1), 0.0, WIDTH)
 
 
+def density(r2):
+    """Of the posterior in the squared distance, but for the evidence, which is its integral."""
+    return chi2.pdf(r2, N_WIDE) * norm.pdf(CURVATURE * r2, 0.0, math.hypot(1.0, WIDTH))
+
+
 def exact_evidence():
-    """Over the squared distance, by quadrature."""
-
-    def integrand(r2):
-        of_distance = chi2.pdf(r2, N_WIDE)
-        return of_distance * norm.pdf(CURVATURE * r2, 0.0, math.hypot(1.0, WIDTH))
-
-    return math.log(quad(integrand, 0.0, 80.0, points=[2.0, 10.0])[0])
+    return math.log(quad(density, 0.0, 80.0, points=[2.0, 10.0])[0])
 
 
 def bowl_target():
@@ -66,7 +65,7 @@ def test_a_spike_is_no_ridge_however_wide_its_component_is(rng):
     assert _ridge(target, np.zeros(2), np.diag([1.0, 0.01]), rng) is None
 
 
-def test_the_component_of_a_sheet_is_nearly_the_posterior(rng):
+def test_the_component_of_a_sheet_is_nearly_the_posterior_and_one_region_in_its_chart(rng):
     target = bowl_target()
     maxima = find_maxima(target, np.zeros((1, N_WIDE + 1)))
     ridges = along_ridges(target, maxima, rng)
@@ -76,6 +75,14 @@ def test_the_component_of_a_sheet_is_nearly_the_posterior(rng):
     assert bent.efficiency > 0.5
     estimate = bent.estimate
     assert abs(estimate.log_evidence - exact_evidence()) < 4.0 * estimate.error < 0.1
+    draws, heights = (values[:300] for values in bent.typical_draws)
+    chart = bent.mixture.chart(draws)
+    np.testing.assert_allclose(chart.curved(chart.straight(draws)), draws, atol=1e-9)
+    before = target.n_evaluations
+    assert find_regions(target, draws, heights, chart).n_regions == 1
+    in_chart = target.n_evaluations - before
+    find_regions(target, draws, heights)  # of many groups there are many paths
+    assert target.n_evaluations - before > 3 * in_chart
 
 
 def test_a_ridge_bends_to_its_own_side(rng):
@@ -91,20 +98,6 @@ def test_without_thin_or_wide_directions_there_is_no_ridge(rng):
         assert along_ridges(target, find_maxima(target, np.ones((1, 3))), rng) is None
 
 
-def test_a_sheet_is_one_region_in_its_chart(rng):
-    target = bowl_target()
-    ridges = along_ridges(target, find_maxima(target, np.zeros((1, N_WIDE + 1))), rng)
-    sample = ImportanceSampler(target, rng).sample(ridges)
-    draws, heights = (values[:300] for values in sample.typical_draws)
-    chart = sample.mixture.chart(draws)
-    np.testing.assert_allclose(chart.curved(chart.straight(draws)), draws, atol=1e-9)
-    before = target.n_evaluations
-    assert find_regions(target, draws, heights, chart).n_regions == 1
-    in_chart = target.n_evaluations - before
-    find_regions(target, draws, heights)  # of many groups there are many paths
-    assert target.n_evaluations - before > 3 * in_chart
-
-
 def test_a_sheet_of_many_parameters_is_sampled_well():
     result = sample_target(bowl_target(), np.random.SeedSequence(1))
     assert result.failed_checks == []
@@ -113,14 +106,12 @@ def test_a_sheet_of_many_parameters_is_sampled_well():
     assert result.n_evaluations < 100_000
     squares = np.concatenate([part.draws for part in result.ensembles])[:, -1] / CURVATURE
     # The posterior of the squared distance, by quadrature.
-    density = lambda r2: chi2.pdf(r2, N_WIDE) * norm.pdf(CURVATURE * r2, 0.0, math.hypot(1.0, 0.01))  # noqa: E731
     mean = quad(lambda r2: r2 * density(r2), 0.0, 80.0)[0] / quad(density, 0.0, 80.0)[0]
     assert squares.mean() == pytest.approx(mean, abs=0.2)
 
 
 def bend_of(rng, n_wide, n_thin, degree):
-    coefficients = rng.standard_normal((n_thin, math.comb(n_wide + degree, degree)))
-    return Bend(coefficients, n_wide, degree)
+    return Bend(rng.standard_normal((n_thin, math.comb(n_wide + degree, degree))), n_wide, degree)
 
 
 @pytest.mark.parametrize(("m", "degree"), [(1, 2), (2, 4), (4, 3)])
