@@ -34,18 +34,14 @@ HEAVY = {
 }  # fmt: skip
 
 
-def module_name(path):
-    parts = ("bayes_ssi", *path.relative_to(PACKAGE).with_suffix("").parts)
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
 @cache
 def trees():
     """The code of every module but those that Sphinx and Hatchling run to build the guide."""
+    paths = [path for path in sorted(PACKAGE.rglob("*.py")) if path.parent.name != "guide"]
+    names = (".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in paths)
     return {
-        module_name(path): ast.parse(path.read_text("utf-8"))
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if path.parent.name != "guide"
+        name.removesuffix(".__init__"): ast.parse(path.read_text("utf-8"))
+        for name, path in zip(names, paths, strict=True)
     }
 
 

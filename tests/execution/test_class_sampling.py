@@ -29,9 +29,11 @@ pytestmark = pytest.mark.usefixtures("nothing_hangs")
 
 
 @pytest.fixture(autouse=True)
-def _few_parts(monkeypatch):
+def _four_cores_and_few_parts(monkeypatch):
     """A batch in fewer parts is there sooner: these take longer to send than the model."""
     monkeypatch.setattr(Workers, "parts_per_worker", 1)
+    monkeypatch.setattr(module, "usable_cores", lambda: 4)
+    monkeypatch.setattr(module, "can_copy", lambda: True)
 
 
 def with_structure(candidate, kind, name="x"):
@@ -200,12 +202,6 @@ def test_the_command_does_the_same_with_workers(run, alone, tiny_study_file, tmp
 )
 def test_options_that_make_no_sense_end_in_one_line(run, tiny_study_file, workers, words):
     assert_one_line_error(run("rank", tiny_study_file, "--workers", workers), words)
-
-
-@pytest.fixture(autouse=True)
-def four_cores(monkeypatch):
-    monkeypatch.setattr(module, "usable_cores", lambda: 4)
-    monkeypatch.setattr(module, "can_copy", lambda: True)
 
 
 @pytest.fixture

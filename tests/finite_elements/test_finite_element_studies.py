@@ -73,7 +73,6 @@ def test_the_data_of_the_footbridge_are_what_the_script_makes(tmp_path, monkeypa
     assert bs.read_candidates(tmp_path / name) == bs.read_candidates(data / name)
 
 
-FOOTBRIDGE = STUDIES / "footbridge.py"
 TRUE_PLACE, TRUE_MASS, TRUE_HZ = "pendulum bottom left 8 z", 607.7, 2.2648
 
 
@@ -86,8 +85,8 @@ def test_the_pipe_on_the_footbridge(run, tmp_path, monkeypatch):
     places = ("bottom left 8 z", "bottom right 4 z", "top right 4 y")
     rows = "".join(f"{place},{place}\n" for place in places)
     candidates.write_text(f"name,place\n{rows}", encoding="utf-8")
-    result = run("search", FOOTBRIDGE, "--candidates", candidates, "--most", 1, "--error", 0.5,
-                 "--accept-failed-checks", "--out", out, "--verbose")  # fmt: skip
+    result = run("search", STUDIES / "footbridge.py", "--candidates", candidates, "--most", 1,
+                 "--error", 0.5, "--accept-failed-checks", "--out", out, "--verbose")  # fmt: skip
     assert result.exit_code == 0, result.output
     text = " ".join(result.stdout.split())
     assert "Appendages by place, averaged over all hypotheses" in text

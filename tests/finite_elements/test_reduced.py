@@ -60,9 +60,7 @@ def test_is_small_and_right_over_the_prior(reduced):
     assert np.median(bounds.frequency / np.maximum(off, ROUNDING)) < 1000.0
     angle = np.sqrt(np.maximum(1.0 - np.array(alike), 0.0))
     assert np.mean(bounds.shape >= angle - 1e-7) > 0.99
-
-
-def test_bounds_are_zero_at_a_full_solution_but_for_rounding(reduced):
+    # At a full solution they are zero but for rounding.
     assert reduced.bounds(reduced.prior_medians()).frequency.max() < 1e-6
 
 

@@ -11,8 +11,6 @@ import bayes_ssi as bs
 from bayes_ssi.foundations.codec import from_record, to_record
 from bayes_ssi.inference.model_class.class_record import ClassRecord, class_record
 
-LOG_SD = math.sqrt(math.log(1.09))
-
 
 def test_the_correct_model_fits_the_study_exactly(model_classes):
     # Four pairs, no spurious and no missed mode; three sensors.
@@ -36,7 +34,7 @@ def test_each_parameter_has_its_own_prior(case_c):
     error = bs.ErrorModel(bs.Parameter("e", bs.Uniform(0.01, 0.03)), 0.05)
     candidate = bs.ModelClass("x", building, case_c, error, pairing={"1": 1})
     assert candidate.parameter_names == ("k", "m", "e")
-    expected = [[52.0, math.exp(LOG_SD), 0.01 + 0.02 * 0.8413447460685429]]
+    expected = [[52.0, math.exp(math.sqrt(math.log(1.09))), 0.01 + 0.02 * 0.8413447460685429]]
     np.testing.assert_allclose(candidate.values(np.ones((1, 3))), expected, rtol=1e-12)
 
 

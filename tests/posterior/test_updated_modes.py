@@ -155,9 +155,6 @@ def test_every_draw_has_the_pairing_of_its_own():
     np.testing.assert_allclose(np.array(mode.shape_after)[:, 0], 1.0)
 
 
-SHORT = bs.SamplingSettings(log_evidence_error=1.0, particles=48, searches=1, max_steps=10)
-
-
 def two_tests(case_c, frame, augmented, fixed_error):
     """A class of two tests; the second has more modes, other sensors and a spurious mode."""
     modes = tuple(replace(m, shape=m.shape[:2] if m.label != "1" else None) for m in case_c.modes)
@@ -191,7 +188,8 @@ def model_class(request, case_c, frame, augmented, fixed_error):
 
 
 def test_likelihoods_are_those_of_the_structure(model_class):
-    posterior = bs.sample(model_class, settings=SHORT)
+    short = bs.SamplingSettings(1.0, particles=48, searches=1, max_steps=10)
+    posterior = bs.sample(model_class, settings=short)
     values = posterior.values[draws_with_shapes(len(posterior.values))]
     known = known_at_draws(model_class, posterior)
     assert known.parameters == model_class.parameters

@@ -107,12 +107,9 @@ def test_prior_weights_multiply_the_evidences(make_posterior):
     assert held_down.classes[1].against == "prior probability only"
 
 
-def test_what_an_unseen_region_can_be(make_posterior):
+def test_what_an_unseen_region_can_be_and_one_class_alone(make_posterior):
     words = bs.compare([make_posterior("3", 16.0), make_posterior("1-a", 0.0)]).unseen
     assert "another solution that fills less than 0.075 % of the prior" in words
-
-
-def test_one_class_alone(make_posterior):
     (row,) = bs.compare([make_posterior("a", -5.0)]).classes
     assert (row.probability, row.against, row.probability_text) == (1.0, "best", "> 0.9999")
 

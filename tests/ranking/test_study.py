@@ -221,15 +221,12 @@ def test_errors_name_the_line_of_the_file(tiny_study_file):
     assert_refused(message, load_study, tiny_study_file)
 
 
-HELPER = "def half(x):\n    return x / 0\n"
-
-
 @pytest.mark.parametrize(
     ("helper", "study", "message"),
     [
         # Errors of constructors, also of a path that is relative.
         ("", "import bayes_ssi as bs\n\nbs.Sensor('', {})\n", "line 3: ValueError: Sensor: label"),
-        (HELPER, "import helper_of_study\nx = 1\nhelper_of_study.half(x)\n",
+        ("def half(x):\n    return x / 0\n", "import helper_of_study\n\nhelper_of_study.half(1)\n",
          r"line 3: helper_of_study\.py, line 2: ZeroDivisionError: division by zero"),
         ("x = 1\nx = 1 / 0\n", "\nimport helper_of_study\n",
          r"line 2: helper_of_study\.py, line 2: ZeroDivisionError"),
