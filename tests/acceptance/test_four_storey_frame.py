@@ -31,13 +31,10 @@ def calibration(shape_weight=SHAPE_WEIGHT):
     return bs.calibrate(each, shape_weight)
 
 
-def test_calibrated_stiffnesses():
+def test_calibrated_stiffnesses_and_modes():
     # Nominal stiffnesses are 10 lb/in; parameters multiply them.
     np.testing.assert_allclose(10.0 * np.array(calibration().best.values), STIFFNESSES, atol=0.02)
     assert calibration().undetermined_directions == 0
-
-
-def test_calibrated_modes():
     modes = calibration().best.modes
     np.testing.assert_allclose([mode.model_hz for mode in modes], FREQUENCIES, atol=5.1e-4)
     np.testing.assert_allclose([mode.mac for mode in modes], MACS, atol=5.1e-4)

@@ -54,15 +54,11 @@ def steps():
     return noted
 
 
-def test_walkers_after_burn_in_or_thinned_are_chains(steps):
+def test_walkers_after_burn_in_or_thinned_are_chains_and_draws_in_another_order_are_none(steps):
     chains = steps[20:].transpose(1, 0, 2)
     assert share_of_emcee(chains, [np.zeros((5, 2, 2)), steps]) == 1.0
     assert share_of_emcee(chains[:, ::3], [steps]) == 1.0
-
-
-def test_draws_in_another_order_or_of_several_walkers_are_none(steps):
-    chains = steps[20:].transpose(1, 0, 2)
     assert share_of_emcee(np.random.default_rng(1).permutation(chains, axis=1), [steps]) == 0.0
-    mixed = chains.copy()
+    mixed = chains.copy()  # of several walkers
     mixed[:2, ::2] = chains[2:4, ::2]
     assert share_of_emcee(mixed, [steps]) == 0.75

@@ -274,7 +274,6 @@ def test_the_command(run, saved, of_k2):
         names, *rows = list(csv.reader(file))
     assert names == ["k1", "k2"]
     np.testing.assert_allclose(np.array(rows, dtype=float), loaded.next_test(1000, 30.0), rtol=1e-6)
-
     assert_one_line_error(run(*command), "made: exists already and is not overwritten")
 
 

@@ -241,19 +241,15 @@ def test_errors_name_the_class(predicted):
 
 
 def test_a_class_that_is_not_the_one_sampled(classes, posteriors):
-    with pytest.raises(
-        ValueError, match=r"'one k' is not the one .* no stored parameter 'k1'; .* 'k'"
-    ):
-        thinned_draws(posteriors["one k"], classes["each k"])
-    structure = classes["one k"].structure
-    heavier = replace(classes["one k"], structure=replace(structure, masses=(1.0, 1.001)))
-    with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
-        thinned_draws(posteriors["one k"], heavier)
-    more = replace(classes["one k"], structure=structure.with_element(bs.Pendulum(1, 0.1, 1.0)))
-    with pytest.raises(ValueError, match="at a stored draw its structure has the frequencies"):
-        thinned_draws(posteriors["one k"], more)
-    with pytest.raises(ValueError, match="number of draws must be at least 1, got 0"):
-        thinned_draws(posteriors["one k"], classes["one k"], 0)
+    one, posterior = classes["one k"], posteriors["one k"]
+    words = r"'one k' is not the one .* no stored parameter 'k1'; .* 'k'"
+    assert_refused(words, thinned_draws, posterior, classes["each k"])
+    heavier = replace(one.structure, masses=(1.0, 1.001))
+    more = one.structure.with_element(bs.Pendulum(1, 0.1, 1.0))
+    words = "at a stored draw its structure has the frequencies"
+    for other in (heavier, more):
+        assert_refused(words, thinned_draws, posterior, replace(one, structure=other))
+    assert_refused("number of draws must be at least 1, got 0", thinned_draws, posterior, one, 0)
 
 
 def test_of_many_places_those_with_sensors_are_shown_or_the_first():

@@ -70,10 +70,8 @@ def test_the_study_file_is_not_there(saved, tiny_study_file):
 def test_the_study_file_defines_other_classes(saved, tiny_study_file):
     text = tiny_study_file.read_text("utf-8")
     tiny_study_file.write_text(text.replace('"each k"', '"both k"'), "utf-8")
-    with pytest.raises(
-        ValueError, match=r"tiny.py: not the study of .*: no model class 'each k'; choose from"
-    ):
-        bs.load_predictions(saved)
+    words = r"tiny.py: not the study of .*: no model class 'each k'; choose from"
+    assert_refused(words, bs.load_predictions, saved)
 
 
 @pytest.fixture(scope="module")
