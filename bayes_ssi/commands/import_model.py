@@ -305,8 +305,7 @@ def _write_study(
     with new_directory(folder, marker=LABELS) as partial:
         for one, term in terms.items():
             sp.save_npz(partial / files[one], term.matrix)
-        labels = "\n".join([*(model.labels or ()), ""])
-        (partial / LABELS).write_text(labels, encoding="utf-8")
+        (partial / LABELS).write_text("\n".join([*(model.labels or ()), ""]), encoding="utf-8")
         if (geometry := model.geometry) is not None:
             nodes = ([node, *map(repr, at)] for node, at in geometry.nodes.items())
             write_csv(partial / "nodes.csv", nodes)

@@ -57,6 +57,8 @@ def test_a_place_that_is_at_no_node_has_no_location():
         (({"7": "abc"},), "node '7': must have three finite coordinates"),
         ((NODES, (("1", "3"),)), r"a line joins two nodes that it names, got \('1', '3'\)"),
         ((NODES, (("1", "2", "1"),)), "a line joins two nodes"),
+        ((NODES, (), "", (("1", "2"),)), r"a face joins three or more .* got \('1', '2'\)"),
+        ((NODES, (), "", (("1", "2", "3"),)), "a face joins three or more nodes that it names"),
     ],
 )
 def test_bad_geometries_are_refused(arguments, message):

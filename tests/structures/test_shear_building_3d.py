@@ -106,6 +106,8 @@ def test_parameters_stand_in_any_field():
          "stiffnesses_y, number 1 from below, must be positive and finite, got -2.0"),
         (lambda: bs.ShearBuilding3D([1.0], [1.0], [1.0], [1.0], [1.0], [(0, 0), (0, 0)]),
          "1 torsional_stiffnesses, 2 eccentricities"),
+        (lambda: bs.ShearBuilding3D([1.0], [1.0], [1.0], [1.0], [1.0], ground_motion="z"),
+         "ShearBuilding3D: ground_motion must be 'x' or 'y', got 'z'"),
         (lambda: bs.FloorBlock(0, 1.0), "on must be a floor from 1 upwards, or three labels"),
         (lambda: bs.FloorBlock(1, 0.0), "block on floor 1: mass must be positive"),
         (lambda: bs.FloorBlock(1, 1.0, 3), "at must be two coordinates, "),

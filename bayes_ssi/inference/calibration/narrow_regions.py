@@ -191,8 +191,7 @@ class _Descents:
         if self._workers is None or not len(z):
             return solve(values)
         parts = np.array_split(values, min(len(z), self._workers.n_parts))
-        solved = self._workers.call_each(solve, parts)
-        return [joined(modes) for modes in zip(*solved, strict=True)]
+        return [joined(modes) for modes in zip(*self._workers.call_each(solve, parts), strict=True)]
 
     def ends(self) -> FloatArray:
         """Where the descents ended, (m, d), each place once."""
@@ -332,8 +331,7 @@ class _Descents:
         return z
 
     def _log_posteriors(self, z: FloatArray, modes: Sequence[Modes]) -> FloatArray:
-        values = self.model_class.values(z)
-        log_likelihoods = self.model_class.log_density_of_modes(values, modes)
+        log_likelihoods = self.model_class.log_density_of_modes(self.model_class.values(z), modes)
         log_likelihoods[np.isnan(log_likelihoods)] = -np.inf
         return log_likelihoods + log_standard_normal(z)
 

@@ -186,8 +186,7 @@ class CorrelatedErrors:
             if len(shapes) > 1 and not self._joint[group_of[first]].shapes:
                 of_pairs = self._separation.within(pairs.with_shape[shapes].tolist())
                 dimensions = pairs.n_measured[shapes[0]] - 1.0
-                identification = np.diag(pairs.shape_var[shapes])
-                same = ErrorGroup(shapes, identification, of_pairs, dimensions)
+                same = ErrorGroup(shapes, np.diag(pairs.shape_var[shapes]), of_pairs, dimensions)
                 repeated.append((group_of[first], same))
         return repeated
 

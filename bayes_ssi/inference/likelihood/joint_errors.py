@@ -116,8 +116,7 @@ def log_density(
     -inf where a variance is not positive.
     """
     terms = squares / variances + dimensions * np.log(variances)
-    regular = (variances > 0.0).all(axis=-1)
-    return np.where(regular, -0.5 * row_sums(terms), -np.inf)
+    return np.where((variances > 0.0).all(axis=-1), -0.5 * row_sums(terms), -np.inf)
 
 
 def conditional_errors(covariance: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -297,8 +296,7 @@ class JointErrors:
             of_tests = shapes[:, None, members]
             at_model = turned(np.eye(n)[:, None], self.identified[members], of_tests)
             rotations = in_common_plane(at_model, of_tests).transpose(0, 2, 1, 3)  # (B, m, n, n)
-            axes = self.axes[members].transpose(0, 2, 1)
-            vectors.append(row_sums(axes @ rotations))
+            vectors.append(row_sums(self.axes[members].transpose(0, 2, 1) @ rotations))
         joined = np.concatenate(vectors, axis=2)
         return joined @ joined.transpose(0, 2, 1)
 

@@ -268,8 +268,7 @@ class ModalLikelihood:
             measured[:, cases.columns],
             close.variances[cases.pairs, 1] + variances[cases.columns],
         )
-        concentrations = close.concentrations(cases.observed, cases.pairs)
-        return Turned.of(concentrations, turning, cases.least)
+        return Turned.of(close.concentrations(cases.observed, cases.pairs), turning, cases.least)
 
     @cached_property
     def _shapes_or_none(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -451,8 +450,7 @@ class ModalLikelihood:
     @cached_property
     def _unpaired_data(self) -> float:
         unpaired = [mode for mode in self.data.modes if mode.label not in self.pairing]
-        spurious = sum(map(self.log_spurious, unpaired))
-        return spurious - self.identification.expected_spurious_modes
+        return sum(map(self.log_spurious, unpaired)) - self.identification.expected_spurious_modes
 
     @cached_property
     def _sensor_matrix(self) -> SensorMatrix:

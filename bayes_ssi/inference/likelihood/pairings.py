@@ -268,8 +268,7 @@ def _window_starts(weights: PairingWeights, with_pairs: bool = False) -> NDArray
     _, n, n_model = weights.log_ratios.shape
     if (n if with_pairs else min(n, n_model)) <= weights.window:
         return None
-    frequencies_hz = np.sort(weights.frequencies_hz)
-    middle = np.searchsorted(frequencies_hz, np.nan_to_num(weights.model_hz))
+    middle = np.searchsorted(np.sort(weights.frequencies_hz), np.nan_to_num(weights.model_hz))
     first = np.clip(middle - weights.window // 2, 0, n - weights.window)
     # Model modes ascend, so windows only move up.
     return np.maximum.accumulate(first, axis=1)

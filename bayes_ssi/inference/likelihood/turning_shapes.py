@@ -358,8 +358,7 @@ def _about_centres(
         weights[k::n_sets] = density[k::n_sets]
         total += density * density
     weights /= total
-    exponents = shapes.exponents(kappa, cos2, sin2)
-    return _integrated(exponents, cos2, sin2, n_sets * weights, n_sets)
+    return _integrated(shapes.exponents(kappa, cos2, sin2), cos2, sin2, n_sets * weights, n_sets)
 
 
 def _integrated(

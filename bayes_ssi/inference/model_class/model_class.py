@@ -220,8 +220,7 @@ class ModelClass(Displayed):
 
     def log_likelihood(self, values: FloatArray) -> FloatArray:
         """log p(data | values), (B,), for ``values`` (B, n_parameters); -inf without modes."""
-        where = f"model class {self.name!r}: values"
-        values = checked_values(values, self.parameters, where)
+        values = checked_values(values, self.parameters, f"model class {self.name!r}: values")
         total = self.log_density_of_modes(values, self.modes(values))
         return np.where(np.isnan(total), -np.inf, total)
 

@@ -110,8 +110,7 @@ def _updated_modes(
             continue
         rows, own = _rows_with_mode(of_rows, pairing[label] - 1)
         whole, at_sensors = modes.shapes[rows, :, own], seen[rows, :, own]
-        identified = data.mode(label).unit_shape
-        signs = shape_signs(whole[:, main], at_sensors, identified)
+        signs = shape_signs(whole[:, main], at_sensors, data.mode(label).unit_shape)
         shapes = scaled_shapes(whole[:, shown] * signs[:, None], whole[:, main])
         frequencies = modes.frequencies_hz[rows, own]
         pair = PairedModes.of(data, [(label, 1)])
@@ -184,8 +183,7 @@ class AtDraws(NamedTuple):
     @classmethod
     def joined(cls, parts: "Sequence[AtDraws]") -> "AtDraws":
         modes, *arrays = zip(*parts, strict=True)
-        of_tests = tuple(map(joined, zip(*modes, strict=True)))
-        return cls(of_tests, *map(np.concatenate, arrays))
+        return cls(tuple(map(joined, zip(*modes, strict=True))), *map(np.concatenate, arrays))
 
 
 @dataclass(frozen=True, eq=False)

@@ -257,8 +257,7 @@ def certified(
     model_class: ModelClass, posterior: Posterior, settings: RefinementSettings
 ) -> tuple[list[str], list[str]]:
     """Remarks on how accurate the structures are at posterior draws, and failed checks of it."""
-    values = evenly_spaced_draws(posterior, N_CERTIFIED)
-    needed = requirements(model_class, values, settings)
+    needed = requirements(model_class, evenly_spaced_draws(posterior, N_CERTIFIED), settings)
     remarks: list[str] = []
     failed: list[str] = []
     for configuration, required in zip(model_class.configurations, needed, strict=True):
