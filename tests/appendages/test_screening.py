@@ -10,6 +10,7 @@ from searches import INFILL_12, PENDULUM_1, screened
 
 import bayes_ssi as bs
 from bayes_ssi.inference.sampling.diagnostics import Estimate
+from bayes_ssi.inference.sampling.target import Target
 from bayes_ssi.studies.appendages.baselines import hypothesis
 from bayes_ssi.studies.search import approximate_evidence as module
 from bayes_ssi.studies.search.approximate_evidence import FULL, QUICK, screen, with_more_draws
@@ -213,3 +214,19 @@ def test_a_few_of_many_alike_are_not_sampled():
     unequal = estimates(0.0, 1.0, -1.0)
     assert to_sample(unequal, {}, 0.05, 2) == ["b", "a"]
     assert to_sample(unequal, {"b": 1.0, "a": 0.0}, 0.05, 2) == []
+
+
+def test_in_full_narrow_regions_to_which_residuals_lead_are_climbed_to(monkeypatch):
+    """1e-9 of the prior, beside a broad region in which all searches end."""
+    monkeypatch.setattr(module, "_scan", lambda *_: None)
+
+    def log_likelihood(z):
+        squares = ((z - 2.0) ** 2).sum(1)
+        return np.logaddexp(-0.5 * (z**2).sum(1), 30.0 - squares / 2e-8)
+
+    for effort, is_reached in ((FULL, True), (QUICK, False)):
+        target = Target(log_likelihood, 2)
+        target.suggest_starts = lambda _: (np.full((1, 2), 2.0001), 1)
+        seeds = tuple(np.random.SeedSequence(0).spawn(2))
+        z = module._maxima(target, (None, "a simpler one"), seeds, effort).z
+        assert (np.abs(z - 2.0).max(axis=1) < 1e-4).any() == is_reached

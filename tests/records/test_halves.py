@@ -113,3 +113,19 @@ def test_a_clock_of_another_rate_is_said():
     (text,) = _clocks_at_fault(names, SimpleNamespace(doubtful=[]), [delay])
     assert text.startswith("sensor 'floor 2': its clock runs at another rate; it is later by 0.06")
     assert not found(record.samples)
+
+
+def test_real_shapes_and_their_errors_do_not_depend_on_the_phase_of_complex_ones():
+    band = identified(samples(0, 1.0), samples(1, 1.0)).bands[0]
+    turn, fit, r = np.exp(0.7j), band.fit, len(band.fit.modes.shapes)
+    assert fit.modes.shapes.shape == (r, 1)
+    whole = np.eye(2 + 2 * r)
+    whole[2:, 2:] = np.kron([[turn.real, -turn.imag], [turn.imag, turn.real]], np.eye(r))
+    modes = fit.modes._replace(shapes=turn * fit.modes.shapes)
+    turned = replace(
+        fit, model=fit.model._replace(modes=modes), covariance=whole @ fit.covariance @ whole.T
+    )
+    (_, _, shapes), errors = band.estimates([0], [0, 1])
+    (_, _, of_turned), errors_of_turned = replace(band, fit=turned).estimates([0], [0, 1])
+    np.testing.assert_allclose(of_turned, shapes, rtol=1e-9)
+    np.testing.assert_allclose(errors_of_turned, errors, rtol=1e-6, atol=1e-12)

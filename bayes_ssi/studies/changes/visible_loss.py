@@ -79,7 +79,7 @@ def smallest_losses(
     considered = family.features[baseline]
     places = [e for e in considered if isinstance(e, ChangePlace) and not e.is_common]
     classes = [family.hypothesis(unchanged, (place,), place.name) for place in places]
-    one, none = (family.prior_weight(baseline, number) for number in (1, 0))
+    one, none = (family.prior_weight(baseline, number, 0) for number in (1, 0))
     needed = math.log(ODDS_SHOWN * none / one)
     of_place = partial(_smallest_loss, unchanged=unchanged, z=z, needed=needed, seed=seed)
     what = f"{n * len(places)} tests simulated"

@@ -208,7 +208,7 @@ class Family(ABC, Generic[Feature]):
         quick = [each.with_structures(lambda s, _: s.for_many_hypotheses) for each in self.classes]
         return replace(self, study=replace(self.study, model_classes=quick))
 
-    def prior_weight(self, baseline: str, number: int, n_common: int = 0) -> float:
+    def prior_weight(self, baseline: str, number: int, n_common: int) -> float:
         """That of a hypothesis with a number of features, some of which are common ones."""
         weights = self.study.prior_weights or dict.fromkeys(self.study.names, 1.0)
         share = self.options.number_weights[number] / self.n_ways(baseline, number, n_common)
