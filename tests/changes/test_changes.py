@@ -492,7 +492,8 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
     assert 0.01 < smallest < 0.2
     unchanged, screened, baseline = nothing.model_class, nothing.screened, nothing.key.baseline
     changed = family.hypothesis(unchanged, (place,), place.name)
-    odds = 9.0 * family.prior_weight(baseline, 0) / family.prior_weight(baseline, 1)
+    one, none = (family.prior_weight(baseline, number, 0) for number in (1, 0))
+    odds = 9.0 * none / one
     rng = np.random.default_rng(99)
     draws = rng.choice(screened.z, 60, p=screened.weights)
 
