@@ -201,6 +201,7 @@ class AtEdge:
     end: int
     parameter: str | None = None  # name of the parameter whose prior it is; None for the band
     configuration: str | None = None  # name of the configuration whose band it is; None for a prior
+    is_near_bound: bool = False  # of a prior, not where only one in a thousand prior draws lies
 
 
 def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) -> Iterator[AtEdge]:
@@ -217,14 +218,14 @@ def edges(model_class: ModelClass, z: FloatArray, frequencies_hz: FloatArray) ->
             is_bound = 0.0 < abs(of_prior.support[end]) < math.inf
             near = is_bound & (np.abs(below - end) < below.std())
             share, where = beyond.mean(), "where only one in a thousand prior draws lies"
-            if near.mean() > EDGE_SHARE >= share:
+            if is_near := bool(near.mean() > EDGE_SHARE >= share):
                 share, where = near.mean(), "within one of its own standard deviations"
             if share > EDGE_SHARE:
                 statement = (
                     f"parameter {parameter.name!r}: {100 * share:.0f} % of the posterior lies at "
                     f"the {('lower', 'upper')[end]} edge of its prior, {of_prior!r}, {where}"
                 )
-                yield AtEdge(statement, end, parameter=parameter.name)
+                yield AtEdge(statement, end, parameter=parameter.name, is_near_bound=is_near)
     # The standard error of a share estimated from a thousand draws is 0.016 at most.
     chosen = evenly_spaced_indices(len(z), 1000)
     different, first, times = np.unique(z[chosen], axis=0, return_index=True, return_counts=True)

@@ -304,8 +304,7 @@ class _Sampling:
 
     def _should_refit(self, sample: ImportanceSample) -> bool:
         """Whether a refit may pay: importance draws are poor, or so many more are needed."""
-        wanted_error = self.settings.log_evidence_error
-        needed = len(sample.z) * (sample.estimate.error / wanted_error) ** 2
+        needed = len(sample.z) * (sample.estimate.error / self.settings.log_evidence_error) ** 2
         enough = MOST_BATCHES * self.sampler.batch
         return sample.efficiency < GOOD_EFFICIENCY or needed - len(sample.z) > enough
 
@@ -318,8 +317,7 @@ class _Sampling:
         sample = self.sampler.renewed(sample, self.sampler.batch)
         sample = self.sampler.refined(sample, wanted_error, others)
         draws, log_posteriors = sample.typical_draws
-        chart = sample.mixture.chart(draws)
-        regions = find_regions(self.target, draws, log_posteriors, chart)
+        regions = find_regions(self.target, draws, log_posteriors, sample.mixture.chart(draws))
         if regions.n_regions == 1:
             return sample, regions
         errors = sample.share_errors(regions.assign(sample.z), regions.n_regions)

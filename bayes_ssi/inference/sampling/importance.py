@@ -272,8 +272,7 @@ class ImportanceSampler:
         """``sample`` with about ``factor`` times as many draws, at most four times."""
         n = len(sample.z)
         wanted = int(min(1.1 * factor * n, 4.0 * n, self.max_draws))
-        more = self._draw(sample.mixture, max(wanted - n, self.batch))
-        return joined_samples([sample, more])
+        return joined_samples([sample, self._draw(sample.mixture, max(wanted - n, self.batch))])
 
     def _draw(self, mixture: StudentMixture, n: int) -> ImportanceSample:
         """``n`` draws, of every component in proportion to its weight."""

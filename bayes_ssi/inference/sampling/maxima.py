@@ -176,8 +176,7 @@ def _distinct(
     """The highest of every group of ascents that ended at the same maximum, but at none known."""
     d = target.n_dimensions
     possible = np.flatnonzero(np.isfinite(log_posteriors))
-    is_known = reached(target, known, ends[possible], log_posteriors[possible]).any(axis=0)
-    new = possible[~is_known]
+    new = possible[~reached(target, known, ends[possible], log_posteriors[possible]).any(axis=0)]
     left = new[np.argsort(-log_posteriors[new], kind="stable")]
     # A narrow maximum may be high and have little mass: what a low one could have, were it as wide
     # as the prior, decides.

@@ -100,8 +100,7 @@ def begin(
     moves = [far, *zip(local, shares, strict=True)]
     # Assigning a RandomState object to a sampler does nothing; its state tuple does.
     seeds = rng.integers(0, 2**32, size=8, dtype=np.uint32)
-    random_state = np.random.RandomState(seeds).get_state()
-    state = emcee.State(positions, *values, random_state, copy=True)
+    state = emcee.State(positions, *values, np.random.RandomState(seeds).get_state(), copy=True)
     sampler = emcee.EnsembleSampler(*positions.shape, log_density, moves=moves, vectorize=True)
     # Without emcee's loop over the rows of a batch, whose wrapper would print an error, with all
     # positions and a traceback, before raising it.

@@ -131,8 +131,7 @@ class _Paths:
 
     def highest_draws(self, groups: IntArray) -> dict[int, int]:
         """Group → its highest draw, given the group (n,) of each draw."""
-        order = np.argsort(self.log_posteriors, kind="stable")
-        return {int(groups[i]): int(i) for i in order}
+        return {int(groups[i]): int(i) for i in np.argsort(self.log_posteriors, kind="stable")}
 
 
 def _local_whitening(draws: FloatArray) -> FloatArray:

@@ -91,8 +91,7 @@ class SamplingResult:
     @property
     def searches_of_regions(self) -> IntArray:
         """How many of the independent searches found a maximum in each region, (n_regions,)."""
-        reached = self.search.reached_by @ self.maxima_of_regions.T
-        return reached.sum(axis=0)
+        return (self.search.reached_by @ self.maxima_of_regions.T).sum(axis=0)
 
     @property
     def region_errors(self) -> FloatArray:

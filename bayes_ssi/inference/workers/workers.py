@@ -212,8 +212,7 @@ class Workers:
         # Every access creates a new bound method, but bound methods compare equal.
         if self._packed is None or self._packed[0] != function:
             data = pickled(function)
-            packed = PackedFunction.of(data, self._content(data))
-            self._packed = (function, packed)
+            self._packed = (function, PackedFunction.of(data, self._content(data)))
         return self._packed[1]
 
     def _recover(self, death: BrokenExecutor) -> None:

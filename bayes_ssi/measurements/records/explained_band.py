@@ -338,8 +338,7 @@ def two_in_place_of(fitter: Fitter, fit: LocalFit, i: int) -> OneOrTwo:
             np.full(2, relative_damping * damping),
             shapes / np.linalg.norm(shapes, axis=0),
         )
-        start = others.joined(pair)
-        begun.append(fitter.fit(start, fit.has_phases, FIRST_STEPS_OF_PAIRS))
+        begun.append(fitter.fit(others.joined(pair), fit.has_phases, FIRST_STEPS_OF_PAIRS))
     begun.sort(key=lambda started: started.log_likelihood, reverse=True)
     climbed = (_arrived(fitter, fitter.fit(s, fit.has_phases)) for s in begun[:PAIRS_TO_THE_TOP])
     pairs = [two for two in climbed if _is_a_pair(two, frequency, damping)]

@@ -107,8 +107,7 @@ def given_candidates(transforms: Transforms, band_hz: BandHz, at: Sequence[float
         directions = np.linalg.eigh(data.matrices[0].real)[1]
         shapes[:, i] = directions[:, -1 - min(sharing, directions.shape[1] - 1)]
     peaks = tuple(Prominence(float(f), 0.0, 0.0, True) for f in frequencies)
-    dampings = np.full(len(frequencies), DAMPING / 1.5)
-    modes = Resonances(frequencies, dampings, shapes)
+    modes = Resonances(frequencies, np.full(len(frequencies), DAMPING / 1.5), shapes)
     return Candidates(peaks, modes, modes.at([]), np.empty(0), np.empty((2, 0)))
 
 
@@ -206,8 +205,7 @@ class _Section:
         distances += differences / (1.0 - SAME_SHAPE_MAC)
         distances[np.equal.outer(orders, orders)] += 10.0  # two poles of one order are two modes
         np.fill_diagonal(distances, 0.0)
-        linked = linkage(squareform(distances, checks=False), "average")
-        labels = fcluster(linked, 1.0, "distance")
+        labels = fcluster(linkage(squareform(distances, checks=False), "average"), 1.0, "distance")
         clusters = (np.flatnonzero(labels == label) for label in range(1, labels.max() + 1))
         often = [each for each in clusters if len(each) / n_orders >= LEAST_SHARE_OF_ORDERS]
         shares = np.array([len(each) for each in often]) / n_orders

@@ -9,7 +9,7 @@ most.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -56,8 +56,12 @@ def ranked(
     settings: SamplingSettings,
     run: Run,
     *further: Checker,
+    searched: Collection[str] = (),
 ) -> Ranking:
-    """The ranking of sampled classes, checked; with hints if the best does not explain the data."""
+    """The ranking of sampled classes, checked; with hints if the best does not explain the data.
+
+    The bounds of ``searched`` parameters only say where is searched: being near one fails no check.
+    """
     comparison = by_evidence(posteriors, study.prior_weights)
     hinted = with_hints(study.model_classes, posteriors, comparison, run.workers)
     ranking = Ranking(study, hinted, comparison, seed, settings)
@@ -65,13 +69,13 @@ def ranked(
         *(Check("data", words) for words in failed_data_checks(ranking.tests)),
         *misfit_of_best(comparison, hinted),
         *failed_sampling(comparison, hinted),
-        *settings_moved(ranking, run),
+        *settings_moved(ranking, run, searched),
         *(check for checker in further for check in checker(ranking, run)),
     ]
     return replace(ranking, comparison=comparison.with_checks(checks))
 
 
-def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
+def settings_moved(ranking: Ranking, run: Run, searched: Collection[str] = ()) -> Iterator[Check]:
     """What settings do to the ranking, where posteriors lie at their edges.
 
     Classes whose draws do not cover a moved setting are sampled again.
@@ -82,7 +86,10 @@ def settings_moved(ranking: Ranking, run: Run) -> Iterator[Check]:
         return
     probable = [row for row in comparison.classes if row.probability >= PROBABLE]
     for row in probable:
-        yield from (moving.at_edge(edge, row) for edge in ranking.posterior(row.name).edges)
+        for edge in ranking.posterior(row.name).edges:
+            check = moving.at_edge(edge, row)
+            only_said = edge.is_near_bound and edge.parameter in searched
+            yield replace(check, fails=check.fails and not only_said)
     tests = (ranking.posterior(row.name).configurations for row in probable)
     if len({sum(len(test.pairing) for test in of_class) for of_class in tests}) > 1:
         what = "the classes differ in how many modes are missed or spurious"

@@ -115,7 +115,10 @@ def search_family(
     classes, posteriors = zip(*sampled.values(), strict=True)
     weights = {made.name: hypotheses[key].prior_weight for key, (made, _) in sampled.items()}
     study = Study(family.title, classes, prior_weights=weights, mass_unit=family.study.mass_unit)
-    ranking = ranked(study, posteriors, seed, settings, run)
+    searched = {n for each in classes for n in each.parameter_names} - {
+        n for each in family.classes for n in each.parameter_names
+    }
+    ranking = ranked(study, posteriors, seed, settings, run, searched=searched)
     return FamilySearch(ranking, tuple(hypotheses.values()), tuple(levels))
 
 
