@@ -44,8 +44,7 @@ def few_modes() -> bs.ModelClass:
 
 
 def steel_frame() -> bs.ModelClass:
-    study = bs.load_study(STUDIES / "steel_frame.py").only(["3 M1+"])
-    return study.model_classes[0]
+    return bs.load_study(STUDIES / "steel_frame.py").only(["3 M1+"]).model_classes[0]
 
 
 KINDS: dict[str, Callable[[], bs.ModelClass]] = {

@@ -267,8 +267,7 @@ def random_pair(kind, seed):
 def row_of_random(kind, seed):
     begun = process_time()
     drawn = random_pair(kind, seed)
-    family = family_of(kind, drawn.model_class)
-    record = screened_record(family)
+    record = screened_record(family_of(kind, drawn.model_class))
     alone = {each.name: each.probability for each in record.hypotheses}
     nothing = alone["nothing changed"] or 1e-300
     amounts = list(record.place(drawn.place).amounts.values()) if drawn.place else []

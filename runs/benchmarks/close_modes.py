@@ -211,8 +211,7 @@ def perturbed(seed: int, within_pairs: bool) -> dict[str, float]:
     rng = np.random.default_rng([4, seed])
     prior = bs.LogNormal(1.0, 0.1)
     factors = [bs.Parameter(f"k{i}", prior) for i in (1, 2, 3)]
-    split = float(rng.uniform(0.0, 0.1))
-    building = floors(factors, split)
+    building = floors(factors, float(rng.uniform(0.0, 0.1)))
     middle = float(np.exp(rng.uniform(math.log(0.005), math.log(0.03))))
     error = bs.ErrorModel(
         bs.Parameter("frequency_cov", bs.LogNormal(middle, 0.5)),

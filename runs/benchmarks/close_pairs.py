@@ -63,8 +63,7 @@ def pair(seed: int) -> Pair:
     samples = stationary(transfer, int(60.0 * minutes * RATE_HZ), RATE_HZ, rng)
     scales = samples.std(1, keepdims=True)
     samples += noise * scales * rng.standard_normal(samples.shape)
-    grid = np.linspace(1.6, 2.5, 4000)
-    response = transfer(grid)
+    response = transfer(np.linspace(1.6, 2.5, 4000))
     level = response @ response.conj().swapaxes(1, 2)
     level += (
         np.eye(n)

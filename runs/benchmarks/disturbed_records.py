@@ -134,8 +134,7 @@ def cases(kind: str, n_records: int):
         for seed in range(n_records):
             rng = np.random.default_rng([30, seed, FRAMES.index(kind)])
             modes = simulated(name, int(sensors), rng)
-            every = np.ones(len(modes.frequencies_hz), bool)
-            yield seed, Case(*modes, every, False, None)
+            yield seed, Case(*modes, np.ones(len(modes.frequencies_hz), bool), False, None)
         return
     seed = -1
     while n_records:

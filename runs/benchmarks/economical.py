@@ -96,14 +96,12 @@ def identified(structure, truth, n_modes, sensors, pairing="given", **errors):
     band = (0.0, float(top.mean()) if len(top) == 2 else 1.05 * float(top[0]))
     data = bs.ModalData(modes, band, tuple(sensors))
     given = {str(j): j for j in range(1, n_modes + 1)} if pairing == "given" else "any"
-    error = bs.ErrorModel(**{"frequency_cov": 0.01, "shape_sd": 0.05, **errors})
-    return data, error, given
+    return data, bs.ErrorModel(**{"frequency_cov": 0.01, "shape_sd": 0.05, **errors}), given
 
 
 def of_structure(name, structure, truth, n_modes, sensors, error=0.05, most=500, **options):
     data, errors, pairing = identified(structure, truth, n_modes, sensors, **options)
-    made = bs.ModelClass(name, structure, data, errors, pairing=pairing)
-    return Problem(name, made, error, most)
+    return Problem(name, bs.ModelClass(name, structure, data, errors, pairing=pairing), error, most)
 
 
 def building(n):
@@ -120,8 +118,7 @@ def six_storeys():
 
 
 def six_storeys_at_sensors():
-    box = BlackBox(building(6), THREE)
-    return of_structure("six storeys, three sensors", box, SIX, 4, THREE)
+    return of_structure("six storeys, three sensors", BlackBox(building(6), THREE), SIX, 4, THREE)
 
 
 def any_pairing():

@@ -201,8 +201,7 @@ def width_allowed(forces: str) -> np.ndarray:
         [[8.0 * np.einsum("kij,kji->", a, b).real for b in slopes] for a in slopes]
     )
     # The loads on four modes come from three floors: one direction of their factor says nothing.
-    covariance = np.linalg.pinv(information, rcond=1e-13)
-    return np.sqrt(covariance.diagonal()[:4])
+    return np.sqrt(np.linalg.pinv(information, rcond=1e-13).diagonal()[:4])
 
 
 if __name__ == "__main__":

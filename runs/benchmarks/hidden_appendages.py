@@ -122,8 +122,7 @@ def search_one(seed: int) -> dict:
     elif has_one and kind % 3 == 1:
         masses = masses + building.standing()
     few = bs.SearchSettings(most_sampled=2)
-    result = bs.search(baseline(building, masses, data, given), few, seed, QUICK)
-    record = result.record
+    record = bs.search(baseline(building, masses, data, given), few, seed, QUICK).record
     out = {"seed": seed, "one": has_one, "torsion": "torsion" in labels}
     out["any"] = record.probability_of_any
     if has_one and record.matched:

@@ -60,8 +60,7 @@ def beam() -> bs.ModelClass:
     structure = bs.MatrixStructure(
         [(factor, np.linalg.inv(flexibility))], MASS * np.eye(POINTS), labels=LABELS, n_modes=4
     )
-    mode = bs.IdentifiedMode("1", 1.0, (1.0,) * len(SENSORS))
-    data = bs.ModalData((mode,), BAND_HZ, SENSORS)
+    data = bs.ModalData((bs.IdentifiedMode("1", 1.0, (1.0,) * len(SENSORS)),), BAND_HZ, SENSORS)
     error = bs.ErrorModel(frequency_cov=0.002, shape_sd=0.01)
     return bs.ModelClass("beam", structure, data, error, pairing="any")
 
