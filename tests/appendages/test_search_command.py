@@ -153,7 +153,7 @@ def test_candidates_of_a_file_are_tried(run, tiny_study_file, tmp_path, fake_sam
     assert_one_line_error(refused, "model class 'one k': candidate 'roof': ", "'floor 9'")
 
 
-def stop(*_):
+def stop(*_, **__):
     raise KeyboardInterrupt
 
 
