@@ -22,8 +22,7 @@ def log_evidence(candidate, posterior):
     means, sds = np.array([posterior[name] for name in candidate.parameter_names]).T
     d, freedom = len(means), 6.0
     centre = coordinates(candidate, means[None])[0]
-    steps = coordinates(candidate, (means + 0.3 * sds)[None])[0] - centre
-    root = np.diag(np.abs(steps) / 0.3)
+    root = np.diag(np.abs(coordinates(candidate, (means + 0.3 * sds)[None])[0] - centre) / 0.3)
     for n in (3000, 3000, 3000, 8000):
         t = rng.standard_normal((n, d)) * np.sqrt(freedom / rng.chisquare(freedom, (n, 1)))
         z = centre + t @ root.T

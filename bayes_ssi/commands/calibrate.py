@@ -111,8 +111,9 @@ def _show(calibration: Calibration) -> None:
 def _conclusion(calibration: Calibration) -> str:
     """What the best minimum is, and that a fit alone is no proof."""
     best, n_others = calibration.best, len(calibration.minima) - 1
-    others = "" if not n_others else f" {n_others} further minima fit less well."
-    if n_others and _is_not_unique(calibration):
+    worse = "are less probable" if calibration.with_prior else "fit less well"
+    others = f" {n_others} further minima {worse}." if n_others else ""
+    if n_others and not calibration.with_prior and _is_not_unique(calibration):
         others = f" {n_others} further minima were reached, of which some fit as well."
     return (
         f"{calibration.name!r}: the best fit has f_ob = {100.0 * best.objective:.3f} %, "

@@ -76,8 +76,7 @@ def embedded_drawing(figure: Figure, caption: str, prefix: str) -> EmbeddedFigur
     svg = re.sub(r'\bid="([^"]*)"', rf'id="{prefix}.\1"', svg)
     svg = re.sub(r'href="#([^"]*)"', rf'href="#{prefix}.\1"', svg)
     svg = re.sub(r"url\(#([^)]*)\)", rf"url(#{prefix}.\1)", svg)
-    label = escape(caption, quote=True)
-    html = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
+    html = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption, quote=True)}"', 1)
     return EmbeddedFigure(caption, html, round(96 * figure.get_figwidth()))
 
 
@@ -101,8 +100,7 @@ def draw_figures(
     figures: dict[str, list[EmbeddedFigure]] = defaultdict(list)
     with figures_for_files():
         for i, (section, caption, plot) in enumerate(_drawn(stored, plan), 1):
-            drawn = embedded_drawing(whole_figure(plot), caption, f"figure-{i}")
-            figures[section].append(drawn)
+            figures[section].append(embedded_drawing(whole_figure(plot), caption, f"figure-{i}"))
     for path in predictions.get("figures", ()):
         caption = f"Predictions: {path.stem.replace('_', ' ')}"
         figures["predictions"].append(embedded_file(path, caption))
@@ -168,5 +166,4 @@ def _of_most_interest(posterior: Posterior, search: FamilyRecord | None) -> list
     of_baselines = [each.name for each in search.averaged_parameters] if search else []
     spreads = dict(zip(posterior.parameter_names, posterior.relative_spreads, strict=True))
     ordered = sorted(spreads, key=lambda name: (name in of_baselines, spreads[name]))
-    chosen = ordered[: LIMITS.parameters_in_corner]
-    return [name for name in spreads if name in chosen]
+    return [name for name in spreads if name in ordered[: LIMITS.parameters_in_corner]]

@@ -255,7 +255,7 @@ def _of_changes_besides(record: ChangeRecord) -> Iterator[str]:
             "is unpaired."
             if record.mass_scale
             else "Masses and appendages that came or went were not considered, because the "
-            "structure carries no elements."
+            "structure carries no elements, or no sensor says where."
         )
     if record.shared is not None:
         yield (

@@ -5,6 +5,7 @@ checks of it, and what follows.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -57,7 +58,9 @@ def rank(
     settings, run = settings or SamplingSettings(), run or Run()
     with run.working():
         posteriors = sample_all(study.model_classes, seed, settings, run)
-        return ranked(study, posteriors, seed, settings, run, appendage_checks)
+        ranking = ranked(study, posteriors, seed, settings, run)
+        further = ranking.comparison.with_further(appendage_checks(ranking, run))
+        return replace(ranking, comparison=further)
 
 
 @checked

@@ -221,8 +221,7 @@ def test_in_full_narrow_regions_to_which_residuals_lead_are_climbed_to(monkeypat
     monkeypatch.setattr(module, "_scan", lambda *_: None)
 
     def log_likelihood(z):
-        squares = ((z - 2.0) ** 2).sum(1)
-        return np.logaddexp(-0.5 * (z**2).sum(1), 30.0 - squares / 2e-8)
+        return np.logaddexp(-0.5 * (z**2).sum(1), 30.0 - ((z - 2.0) ** 2).sum(1) / 2e-8)
 
     for effort, is_reached in ((FULL, True), (QUICK, False)):
         target = Target(log_likelihood, 2)

@@ -1,5 +1,6 @@
 """Between two tests: whether anything changed, where and by how much; and what would be seen."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from bayes_ssi.report.tables.layout import MOST_PLACES
 from bayes_ssi.report.tables.search_tables import search_notes
 from bayes_ssi.results.search_answer import further_sentences, search_sentences, search_verdict
 from bayes_ssi.structures.changed_structure import ChangedStructure, Loss
+from bayes_ssi.studies.changes import visible_loss
 from bayes_ssi.studies.changes.change_search import change_record, without_influence
 from bayes_ssi.studies.changes.changes_family import choose_changes, moved_alike, risen
 from bayes_ssi.studies.changes.kinds_of_change import AppearedAppendage, ChangePlace, element_places
@@ -429,8 +431,7 @@ def test_a_loss_that_no_test_would_show_has_no_smallest():
 def test_simulated_tests_share_the_errors_that_the_class_says():
     """Frequencies of 10 % error, of which 96 % is shared: 2 % differences times the root of two."""
     same = model_class(a=MODES, b=MODES)
-    error = replace(ERROR, frequency_cov=0.1, shape_sd=0.1, between_tests=0.96)
-    same = replace(same, error=error)
+    same = replace(same, error=replace(ERROR, frequency_cov=0.1, shape_sd=0.1, between_tests=0.96))
     z, rng = np.zeros(3), np.random.default_rng(1)
     hz, shapes = [], []
     for _ in range(400):
@@ -482,7 +483,7 @@ def test_the_smallest_visible_loss_is_said_where_nothing_changed():
     assert said in " ".join(result.summary().split())
 
 
-def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
+def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not(monkeypatch):
     """As 60 more tests of that loss say: 0.9 ± 0.04, and ± 0.05 for the scatter of the smallest."""
     family = choose_changes(bs.Study("s", [one_storey()]), ["a"], ["b"], LOSSES)
     family.features["building"] = family.features["building"][:1]
@@ -503,3 +504,7 @@ def test_losses_beyond_the_smallest_visible_are_seen_and_smaller_ones_are_not():
 
     assert share_shown(smallest, 60) == pytest.approx(0.9, abs=3.0 * np.hypot(0.04, 0.05))
     assert share_shown(0.5 * smallest, 20) < 0.35
+    # Of tests so precise that all losses which are tried first show, one without scatter.
+    monkeypatch.setattr(visible_loss, "log_bayes_factor", lambda *of: 1e5 * of[3] ** 2)
+    (smallest,) = smallest_losses(family, nothing, 0, bs.Run()).values()
+    assert smallest == pytest.approx(math.sqrt(math.log(odds) / 1e5), rel=0.1)

@@ -267,8 +267,8 @@ def test_rows_without_labels_are_numbered_where_told_so(tmp_path, monkeypatch):
 
 def test_weights_in_place_of_masses_are_recognised(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    g = 386.089  # in/s²: of kip and in
-    np.savez("frame.npz", K=STIFFNESS, M=g * np.eye(2), labels=("1 x", "2 x"))
+    # g in in/s², of kip and in.
+    np.savez("frame.npz", K=STIFFNESS, M=386.089 * np.eye(2), labels=("1 x", "2 x"))
     hz = np.sqrt(np.linalg.eigvalsh(STIFFNESS)[0]) / (2 * np.pi)
     Path("modes.csv").write_text(f"# band_hz,0,18\nlabel,frequency_hz,1 x\n1,{1.1 * hz},1\n")
     done = run("one", "--nominal", "frame.npz", "--data", "modes.csv")

@@ -251,7 +251,8 @@ BAD = {
     "no degree of freedom 'roof'": {"candidates": ["floor 1", "roof"]},
     "fixed: no candidate 'roof'": {"fixed": ["roof"]},
     "no aim 'k9'": {"aim": "k9"},
-    "at least 50 tests and draws, got 10 and 100": {"n_tests": 10},
+    "n_tests must be at least 50, got 10": {"n_tests": 10},
+    "n_draws must be at least 50, got 0": {"n_draws": 0},
     "one configuration, without a name; got 'bare'": {"configurations": ["bare"]},
     "do not fit into memory": {"n_tests": 1_000_000, "n_draws": 1000},
 }

@@ -55,7 +55,7 @@ def of_class(frame, case_c, fixed_error):
 @pytest.fixture(scope="module")
 def exact(of_class):
     """The posterior of the exact structure."""
-    return sample_as_it_is(of_class(of_class.frame), settings=SETTINGS)
+    return sample_as_it_is(of_class(of_class.frame), 0, SETTINGS, bs.Run())
 
 
 def assert_agree(one, other):
@@ -69,7 +69,7 @@ def test_evidence_is_that_of_the_exact_structure(of_class, exact):
     run = bs.Run(progress=lambda *report: steps.append(report))
     posterior = bs.sample(of_class(Stiff(of_class.frame, 2e-4)), settings=SETTINGS, run=run)
     assert steps[-2:] == [("a", "full solutions", 0.0), ("a", "full solutions", 1.0)]
-    uncorrected = sample_as_it_is(of_class(Stiff(of_class.frame, 2e-4)), settings=SETTINGS)
+    uncorrected = sample_as_it_is(of_class(Stiff(of_class.frame, 2e-4)), 0, SETTINGS, bs.Run())
     assert_agree(posterior.evidence, exact.evidence)
     moved = posterior.evidence.log_evidence - uncorrected.evidence.log_evidence
     assert f"corrected by {moved:+.4f}" in posterior.remarks[1]
@@ -132,7 +132,9 @@ def test_only_mistakes_that_gain_are_solved_exactly(of_class, is_exchanged, n_th
         modes = (*others, replace(third, shape=third.shape[[1, 0, 2]]))
         test = replace(test, data=replace(test.data, modes=modes))
         candidate = replace(candidate, configurations=(test,))
-    assert len(diagnose(candidate, sample_as_it_is(candidate, settings=SETTINGS))) == is_exchanged
+    assert (
+        len(diagnose(candidate, sample_as_it_is(candidate, 0, SETTINGS, bs.Run()))) == is_exchanged
+    )
     assert len(solved) == n_that_gain
 
 

@@ -65,8 +65,7 @@ def average(tiny_ranking, classes):
 def test_draws_are_thinned_evenly(classes, posteriors):
     posterior = posteriors["each k"]
     actual = thinned_draws(posterior, classes["each k"], 10)
-    step = len(posterior.values) / 10
-    rows = [math.floor(i * step) for i in range(10)]
+    rows = [math.floor(i * (len(posterior.values) / 10)) for i in range(10)]
     np.testing.assert_array_equal(actual.values, posterior.values[rows])
     everything = thinned_draws(posterior, classes["each k"], 2 * len(posterior.values))
     np.testing.assert_array_equal(everything.values, np.repeat(posterior.values, 2, axis=0))

@@ -191,8 +191,7 @@ def test_default_frequencies_meet_every_peak(predicted):
     assert (actual[0], actual[-1]) == predicted.data.band_hz
     # An oscillator's amplification at the first frequency, between its neighbours: 1/(2ζ) ± 0.2 %.
     lowest = predicted.data.modes[0].frequency_hz
-    nearest = actual[np.abs(actual - lowest).argmin()] + 0.5 * (actual[1] - actual[0])
-    ratio = nearest / lowest
+    ratio = (actual[np.abs(actual - lowest).argmin()] + 0.5 * (actual[1] - actual[0])) / lowest
     assert 0.04 / np.hypot(1 - ratio**2, 0.04 * ratio) > 0.99
     assert len(default_frequencies(predicted.data, 1e-6)) == 6000
     for band in ((2.0, 1.0), (-1.0, 1.0), (0.0, np.inf), (np.nan, 1.0)):

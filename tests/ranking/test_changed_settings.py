@@ -85,7 +85,7 @@ def test_the_misfit_is_that_of_the_class_with_the_changed_settings(tiny_study):
     again = bs.sample(exact, settings=economical).adequacy
     assert row.misfit_before.sds < 1.0 < 2.6 < row.misfit_after.sds
     assert row.misfit_after.sds == pytest.approx(again.overall.sds, abs=0.1)
-    assert answer.misfit == f"'one k': {inadequacy_in_words(again)}"
+    assert answer.misfit == f"'one k': {inadequacy_in_words(again, is_given=True)}"
     # Of two components, the squared error over σ² is that of one normal variable.
     angle = math.atan(1.75) - math.atan((1.0 + math.sqrt(5.0)) / 2.0)
     expected = (1.0 - 0.5 * 3.841 * 0.008**2) ** 2

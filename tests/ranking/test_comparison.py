@@ -39,7 +39,6 @@ def test_the_numerical_study(make_posterior):
     assert comparison.best.log_bayes_factor_error == 0.0
     assert comparison.not_distinguishable == ()
     assert comparison.data_digest == "0123456789abcdef"
-    assert comparison.scale == "Kass and Raftery (1995)"
 
 
 @pytest.mark.parametrize(
@@ -105,6 +104,8 @@ def test_prior_weights_multiply_the_evidences(make_posterior):
     held_down = bs.compare([posteriors[0], make_posterior("b", 5.0)], {"a": 1.0, "b": 1e-6})
     assert [row.name for row in held_down.classes] == ["a", "b"]
     assert held_down.classes[1].against == "prior probability only"
+    assert not held_down.has_equal_priors
+    assert bs.compare(posteriors, {"a": 0.1 + 0.2, "b": 0.3}).has_equal_priors  # not in floats
 
 
 def test_what_an_unseen_region_can_be_and_one_class_alone(make_posterior):

@@ -169,7 +169,7 @@ def test_the_probabilities_of_missed_and_spurious_modes_where_classes_differ_in_
 def test_bounds_of_what_is_searched_fail_no_check(searched):
     """k is 1.21 for a perfect fit, two widths of its posterior below the prior."""
     candidate = one_mass(prior=bs.Uniform(1.26, 1.6), error=0.01)
-    posteriors, study = sample_all([candidate], 0, COARSE), bs.Study("s", [candidate])
-    comparison = checks.ranked(study, posteriors, 0, COARSE, bs.Run(), searched=searched).comparison
+    given = bs.Study("s", [candidate]), sample_all([candidate], 0, COARSE), 0, COARSE, bs.Run()
+    comparison = checks.ranked(*given, searched=searched).comparison
     said = comparison.remarks if searched else comparison.failed_checks
     assert sum("within one of its own standard deviations" in text for text in said) == 1

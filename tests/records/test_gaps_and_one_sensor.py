@@ -173,8 +173,8 @@ def test_gaps_that_were_filled_are_gaps(samples, how):
 
 def test_parts_of_a_record_that_are_used(samples):
     """Without gaps, without what a mask leaves out, and on time: in both halves."""
-    late = np.roll(samples[0], 2)  # by a tenth of a second, but for the first two samples
-    rows = np.vstack([samples[0], late])
+    # Late by a tenth of a second, but for the first two samples.
+    rows = np.vstack([samples[0], np.roll(samples[0], 2)])
     rows[:, 3000:3400] = np.nan
     motion = usable_motion(bs.Record(rows, RATE, ("a", "b"), "acceleration", "m/s2"), BAND, "")
     mask = np.ones(N)

@@ -146,8 +146,7 @@ def test_the_information_is_the_curvature_where_the_model_is_exact(drive_kind):
     e = model.covariances(fitter.data)
     exact = data_of(e)._replace(floor=np.zeros(R))
     fitter = Fitter(exact.beside(fitter.data.neighbours), fitter.one_source)
-    usual = np.maximum(model.drive.sizes(model.modes), 1e-12)
-    steps = _Steps(fitter, model, e, True, usual)
+    steps = _Steps(fitter, model, e, True, np.maximum(model.drive.sizes(model.modes), 1e-12))
     rng = np.random.default_rng(5)
     scale = np.sqrt(steps.information.diagonal())
     least = fitter.misfit(e)
@@ -182,8 +181,7 @@ def test_modes_are_recovered_with_their_errors(coherence):
         assert fit.are_modes.all()
         assert fit.whiteness < 1.3
         sds = np.sqrt(fit.covariance.diagonal()[:4])
-        off = np.log(np.concatenate(fit.modes[:2]) / np.concatenate(modes[:2]))
-        pulls.append(off / sds)
+        pulls.append(np.log(np.concatenate(fit.modes[:2]) / np.concatenate(modes[:2])) / sds)
     assert np.sqrt(np.square(pulls).mean()) == pytest.approx(1.0, abs=0.25)
 
 
@@ -247,8 +245,7 @@ def test_the_prior_of_forces_that_evidence_takes_integrates_to_one(m):
     sizes = np.array([0.3, 0.2])[:m]
     log_integral = 0.0
     for i, scale in enumerate(scales):
-        phi = modes.shapes[:, i].real
-        along = np.r_[0.0, 0.0, phi]  # of i φ; real parts come first
+        along = np.r_[0.0, 0.0, modes.shapes[:, i].real]  # of i φ; real parts come first
         across = null_space(along[None])
         precision = across.T @ np.linalg.inv(block_diag(scale, scale)) @ across
         axes = across @ np.linalg.cholesky(np.linalg.inv(precision))

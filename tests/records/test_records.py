@@ -257,8 +257,7 @@ def test_a_wrong_file_of_arrays_is_explained(tmp_path):
     np.savez(path, samples=SAMPLES, **STATED | {"rate_hz": [1.0, 2.0]})
     assert_refused(r"rate_hz must be .*, got \[1.0, 2.0\]", bs.read_record, path)
     np.savez(path, samples=SAMPLES * 1j)
-    holds = r"no rows .*; it holds 'samples' \(complex128, \(3, 400\)"
-    assert_refused(holds, bs.read_record, path)
+    assert_refused(r"no rows .*; it holds 'samples' \(complex128, \(3, 400\)", bs.read_record, path)
     for ending in ("npz", "mat", "h5"):
         damaged = tmp_path / f"damaged.{ending}"
         damaged.write_bytes(b"nothing of the kind " * 20)

@@ -68,8 +68,7 @@ def test_the_variation_is_that_of_the_envelope(is_steady):
 
 def sensed(motions, shapes):
     """Lines of a record whose sensors sense motions (m, N), at 20 Hz, by complex shapes (n, m)."""
-    turned = [shapes[:, [i]] * hilbert(motion) for i, motion in enumerate(motions)]
-    samples = sum(turned).real
+    samples = sum(shapes[:, [i]] * hilbert(motion) for i, motion in enumerate(motions)).real
     sensors = tuple(f"s{i}" for i in range(len(samples)))
     return transforms_of(bs.Record(samples, 20.0, sensors, "acceleration", "m/s2"), (1.0, 3.0))
 

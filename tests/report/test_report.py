@@ -15,6 +15,7 @@ from html_page import Page, of_two_storeys, page_of
 from matplotlib.figure import Figure
 
 import bayes_ssi as bs
+from bayes_ssi.inference.criticism.adequacy import misfit_text
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report import page_content as texts
 from bayes_ssi.report.page_content import interval, percent
@@ -76,7 +77,7 @@ def test_the_page_holds_what_is_stored(page, tiny_ranking):
     for words in ("LogNormal(median=1.0, cov=0.3)", "bayes-ssi rank tiny.py --seed 7",
                   "0.618", "two-storey building", tiny_ranking.comparison.data_digest,
                   "floor 2 3.25", "All checks passed",
-                  f"yes ({tiny_ranking.comparison.best.misfit_text})",
+                  f"yes ({misfit_text(tiny_ranking.comparison.best.misfit_sds)})",
                   f"numpy {np.__version__}"):  # fmt: skip
         assert words in shown, words
 

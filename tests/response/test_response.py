@@ -108,8 +108,7 @@ def exact_history(structure, values, ratios, motion):
     step = expm(augmented * motion.dt)
     states = [np.zeros(2 * n)]
     for before, after in itertools.pairwise(motion.acceleration):
-        extended = np.r_[states[-1], before, (after - before) / motion.dt]
-        states.append((step @ extended)[: 2 * n])
+        states.append((step @ np.r_[states[-1], before, (after - before) / motion.dt])[: 2 * n])
     states = np.array(states)
     # ü + a_g ι: what springs and dampers give.
     return states[:, :n].T, (states @ A[n:].T).T

@@ -278,8 +278,7 @@ def test_a_posterior_that_falls_from_a_bound_of_its_prior_is_reported(lower, end
 @pytest.mark.parametrize("prior", [bs.LogUniform(0.001, 0.5), bs.LogNormal(1.0, 0.3)])
 def test_draws_that_a_prior_itself_gives_are_at_no_edge(prior):
     """77 % of draws of LogUniform(0.001, 0.5) are less than their standard deviation from 0.001."""
-    evenly = ndtri((np.arange(1000) + 0.5) / 1000)[:, None]
-    assert not edge_checks_of(one_mass(prior=prior), evenly)
+    assert not edge_checks_of(one_mass(prior=prior), ndtri((np.arange(1000) + 0.5) / 1000)[:, None])
     in_tail = ndtri(1.0 - 0.02 * expon.ppf((np.arange(1000) + 0.5) / 1000))[:, None]
     assert len(edge_checks_of(one_mass(prior=prior), in_tail)) == np.isfinite(prior.support[1])
 

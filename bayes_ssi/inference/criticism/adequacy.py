@@ -157,9 +157,7 @@ def adequacy(
     of_both = np.stack([of_frequencies, of_shapes], axis=2).reshape(-1, 2)
     of_modes = log_joint(of_both, ~np.isnan(of_both)).reshape(of_frequencies.shape)
     of_counts = np.stack([[part.spurious_log_p, part.detected_log_p] for part in parts])
-    z = np.column_stack(
-        [p.prior.to_normal(values[:, i]) for i, p in enumerate(model_class.parameters)]
-    )
+    z = model_class.coordinates(values)
     # The parameters that are sizes of errors, rather than their correlations.
     sizes = as_product(model_class.error.frequency_cov), as_product(model_class.error.shape_sd)
     of_sizes = {p.name for size in sizes for p in size.parameters}
@@ -278,7 +276,7 @@ def misfits_in_words(adequacy: Adequacy) -> list[str]:
     return large or [together]
 
 
-def inadequacy_in_words(adequacy: Adequacy, others: str = "", is_given: bool = True) -> str:
+def inadequacy_in_words(adequacy: Adequacy, is_given: bool, others: str = "") -> str:
     """What of the data a class that is not adequate does not explain, and why that may be.
 
     ``is_given`` says whether the pairing is the analyst's.

@@ -194,6 +194,11 @@ class ModelClass(Displayed):
         """Parameter values (B, n_parameters) at standard-normal coordinates ``z``."""
         return values_at(self.parameters, z)
 
+    def coordinates(self, values: FloatArray) -> FloatArray:
+        """Standard-normal coordinates ``z`` of parameter values (B, n_parameters)."""
+        columns = zip(self.parameters, values.T, strict=True)
+        return np.column_stack([parameter.prior.to_normal(column) for parameter, column in columns])
+
     def parts(
         self, values: FloatArray
     ) -> Iterator[tuple[Configuration, ModalLikelihood, FloatArray]]:

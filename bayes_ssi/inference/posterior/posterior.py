@@ -230,6 +230,11 @@ class Posterior(Displayed):
         """The draws as arviz holds them: an ``InferenceData``, from arviz 1.0 on a ``DataTree``."""
         return in_arviz(self)
 
+    @property
+    def pairing_is_given(self) -> bool:
+        """By the analyst, in any test."""
+        return any(test.inferred_pairing is None for test in self.configurations)
+
     def _line(self) -> str:
         evidence = f"log evidence {self.evidence.log_evidence:.3f} ± {self.evidence.error:.3f}"
         failed = counted(len(self.failed_checks), "failed check")

@@ -135,6 +135,10 @@ def confirmed(model_class: ModelClass, posterior: Posterior, wanted_error: float
         values = evenly_spaced_draws(posterior, n)
         exact = with_confirming_structures(model_class, values)
         change = exact.log_likelihood(values) - model_class.log_likelihood(values)
+        if not np.isfinite(change).any():
+            raise ValueError(
+                f"model class {model_class.name!r}: its full solutions fail at all {n} draws"
+            )
         weights = np.exp(change - change.max())
         error = float(weights.std(ddof=1) / weights.mean() / math.sqrt(n))
         needed = n * (error / (CORRECTION_SHARE * wanted_error)) ** 2

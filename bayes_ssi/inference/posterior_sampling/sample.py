@@ -149,9 +149,9 @@ def emulated_again(model_class: ModelClass, posterior: Posterior) -> ModelClass:
 
 def sample_as_it_is(
     model_class: ModelClass,
-    seed: int = 0,
-    settings: SamplingSettings | None = None,
-    run: Run | None = None,
+    seed: int,
+    settings: SamplingSettings,
+    run: Run,
     cache: Cache | None = None,
     known_starts: FloatArray | None = None,
 ) -> Posterior:
@@ -160,19 +160,17 @@ def sample_as_it_is(
     Arguments and errors are as in :func:`bayes_ssi.inference.posterior_sampling.sample.sample`;
     ``cache`` recalls the evaluations of an earlier run and keeps the others.
     """
-    settings, run = settings or SamplingSettings(), run or Run()
     started = perf_counter()
     model_class.check_structure()
     n = len(model_class.parameters)
-    with run.working():
-        target = class_target(model_class, run.workers, cache, known_starts)
-        sampled = _sampled(model_class, target, seed, settings, run)
-        rng = np.random.default_rng(seed)
-        z, log_likelihoods, no_chains = _quoted_draws(sampled, rng)
-        z_rows = z.reshape(-1, n)
-        values = model_class.values(z_rows)
-        at_values = _at_draws(model_class, values, run.workers)
-        remarks, noise = _noise(model_class, values, log_likelihoods, at_values, run.workers)
+    target = class_target(model_class, run.workers, cache, known_starts)
+    sampled = _sampled(model_class, target, seed, settings, run)
+    rng = np.random.default_rng(seed)
+    z, log_likelihoods, no_chains = _quoted_draws(sampled, rng)
+    z_rows = z.reshape(-1, n)
+    values = model_class.values(z_rows)
+    at_values = _at_draws(model_class, values, run.workers)
+    remarks, noise = _noise(model_class, values, log_likelihoods, at_values, run.workers)
     configurations = configuration_modes(model_class, values)
     few = evenly_spaced_indices(len(values), N_DRAWS)
     of_few = values[few], at_values.rows(few).modes, np.random.default_rng([seed, 2])

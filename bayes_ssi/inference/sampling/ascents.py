@@ -16,7 +16,7 @@ from bayes_ssi.inference.sampling.target import Target
 GRADIENT_STEP = 1e-6
 # Where a model is noisy: over the root of the noise, the best at sd 0.03.
 STEP_OVER_NOISE = 0.05
-# An ascent along a curved ridge may need more steps: `find_maxima` continues it once.
+# An ascent along a curved ridge may need more steps: `maxima_near` continues it once.
 STEPS_OF_ASCENT = 60
 LONGEST_STEP = 2.0
 STEP_LENGTHS = np.array([1.0, 0.4, 0.1, 0.01])  # tried together, as shares of the BFGS step

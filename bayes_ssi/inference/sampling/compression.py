@@ -265,7 +265,7 @@ def _levels_to_top(n_dimensions: int) -> int:
     """How many levels lead from the bulk of a normal density to its top.
 
     The likelihood falls by about half of d nats from the top to the bulk, and the mass of a ball
-    within ``top`` nats of the top is smaller by the ratio of these to the power of d / 2.
+    within ``TOP`` nats of the top is smaller by the ratio of these to the power of d / 2.
     """
     ratio = max(0.5 * n_dimensions / TOP, 1.0)
     return math.ceil(0.5 * n_dimensions * math.log(ratio) / -math.log(SURVIVING))

@@ -11,7 +11,7 @@
 4. Two independent emcee ensembles (``ensembles``) sample the posterior; the importance
    draws are their proposals (``proposals``), so that both share their evaluations. Where the
    mixture is poor, ensembles come before the importance draws, and show where it should be.
-5. Everything that should agree is compared (``checks``): bridge sampling with the draws of an
+5. Everything that should agree is compared (``result``): bridge sampling with the draws of an
    ensemble, the compressions, the searches, the regions. Disagreement without particles begins
    again with them (2.); with them, it is a warning in the result.
 """
@@ -265,8 +265,7 @@ class _Sampling:
 
         These may follow a ridge, or many small regions, better than what draws are enough to fit.
         """
-        fitted = choose_mixture(self._thinned(draws), held_out, self.rng)
-        mixture = fitted.mixed_with(around_maxima)
+        mixture = choose_mixture(self._thinned(draws), held_out, self.rng).mixed_with(around_maxima)
         return mixture.reweighted(held_out, np.ones(len(held_out))).widened()
 
     def _thinned(self, draws: FloatArray) -> FloatArray:

@@ -130,8 +130,7 @@ class StudentMixture:
         total = log_sum(self.log_components(self.squared_distances(z)))
         if self.prior_share == 0.0:
             return total
-        d = z.shape[1]
-        prior = -0.5 * (np.einsum("nd,nd->n", z, z) + d * math.log(2.0 * math.pi))
+        prior = -0.5 * (np.einsum("nd,nd->n", z, z) + z.shape[1] * math.log(2.0 * math.pi))
         return np.logaddexp(total, prior + math.log(self.prior_share))
 
     def shares(self, z: FloatArray, weights: FloatArray) -> FloatArray:
@@ -371,8 +370,7 @@ def _initial_labels(draws: FloatArray, k: int, rng: np.random.Generator) -> IntA
         centres = np.vstack([centres, scaled[chosen]])
         nearest = np.minimum(nearest, ((scaled - scaled[chosen]) ** 2).sum(1))
     for _ in range(5):
-        distances = ((scaled[:, None] - centres[None]) ** 2).sum(-1)
-        labels = distances.argmin(1)
+        labels = ((scaled[:, None] - centres[None]) ** 2).sum(-1).argmin(1)
         occupied = np.unique(labels)
         centres = np.array([scaled[labels == group].mean(0) for group in occupied])
     return np.searchsorted(occupied, labels)

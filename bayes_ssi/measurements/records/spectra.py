@@ -214,8 +214,7 @@ def noise_scales(spectra: Spectra) -> FloatArray:
     """Root of the power (n,) of each channel that no other channel explains."""
     weights = spectra.weights / spectra.weights.sum()
     mean = np.einsum("k,kij->ij", weights, spectra.matrices)
-    powers = np.maximum(mean.diagonal().real, np.finfo(float).tiny)
-    roots = np.sqrt(powers)
+    roots = np.sqrt(np.maximum(mean.diagonal().real, np.finfo(float).tiny))
     n, n_lines = len(mean), float(spectra.weights.sum())
     # Fewer lines than channels explain everything.
     ridge = 1e-9 + (n / n_lines if n_lines < 2.0 * n else 0.0)

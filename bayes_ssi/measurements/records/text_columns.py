@@ -211,8 +211,7 @@ def _numbers(table: "DataFrame", layout: _Layout) -> FloatArray:
     other = "." if layout.decimal == "," else ","
     for j in table:
         if table[j].dtype.kind not in "iuf":
-            cells = map(str, table[j])
-            is_text = (not NUMBER.fullmatch(cell) or other in cell for cell in cells)
+            is_text = (not NUMBER.fullmatch(cell) or other in cell for cell in map(str, table[j]))
             row = next((i for i, each in enumerate(is_text) if each), 0)
             line, _ = next(islice(layout.rows(), row, None))
             raise ValueError(

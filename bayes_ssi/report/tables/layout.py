@@ -17,7 +17,7 @@ from rich.text import Text
 GAPS = (3, 2)
 NARROWEST_COLUMN = 5  # width of a column for names; below it, a line holds less than a syllable
 MOST_COLUMNS = 8  # of numbers, for which a terminal of 80 characters has room
-MOST_HYPOTHESES = 8  # of a search that are listed, and ``most_places``
+MOST_HYPOTHESES = 8  # of a search that are listed, and ``MOST_PLACES``
 MOST_PLACES = 8
 
 

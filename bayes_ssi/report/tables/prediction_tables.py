@@ -71,8 +71,7 @@ def population_table(hierarchy: Hierarchy, covariate: float | None = None) -> Ta
         columns[f"change per unit of\n{scale.name}"] = hierarchy.slopes(best)
     if best.population.varies:
         columns["sd from\ntest to test"] = hierarchy.spreads(best)
-    drawn = hierarchy.next_test(covariate=covariate)
-    columns["next test"] = drawn[:, hierarchy.population_columns]
+    columns["next test"] = hierarchy.next_test(covariate=covariate)[:, hierarchy.population_columns]
     ends = [np.quantile(draws, [0.05, 0.95], axis=0).T for draws in columns.values()]
     rows = [
         [name, *(interval(*of_column[i]) for of_column in ends)]

@@ -12,7 +12,12 @@ from bayes_ssi.inference.posterior.posterior import Posterior, check_names
 from bayes_ssi.report.tables.layout import digits, interval, marked, new_table, number
 from bayes_ssi.results.stored_result import StoredResult
 from bayes_ssi.studies.ranking.changed_settings import ChangedClass, WhatIf
-from bayes_ssi.studies.ranking.comparison import Comparison, RankedClass, probability_text
+from bayes_ssi.studies.ranking.comparison import (
+    SCALE_NAME,
+    Comparison,
+    RankedClass,
+    probability_text,
+)
 from bayes_ssi.studies.ranking.study import AveragedParameter, averaged_parameters
 
 # A heading and the items of the list below it.
@@ -55,8 +60,8 @@ def explains(row: RankedClass) -> str:
     """Whether a class explains the data, and its misfit; a dash where that is not known."""
     if row.misfit_sds is None:
         return "-"
-    explained = row.misfit_sds <= INADEQUATE_SDS and not row.misfit
-    return f"{'yes' if explained else 'no'} ({row.misfit_text})"
+    explained = row.misfit_sds <= INADEQUATE_SDS and not row.misfit and not row.is_rough
+    return f"{'yes' if explained else 'no'} ({misfit_text(row.misfit_sds)})"
 
 
 def evidence_table(posteriors: Sequence[Posterior]) -> Table:
@@ -81,7 +86,7 @@ def comparison_notes(comparison: Comparison, with_scales: bool = True) -> list[s
         "Explains the data: how far they are from what the class itself expects, in standard "
         "deviations of a normal variable; one right class in a hundred is beyond "
         f"{INADEQUATE_SDS:.1f} sd.",
-        f"Words for evidence: scale of {comparison.scale}.",
+        f"Words for evidence: scale of {SCALE_NAME}.",
     ]
     notes = scales if with_scales else []
     notes += [comparison.unseen] if comparison.unseen else []

@@ -169,8 +169,7 @@ class Hierarchy(Displayed):
         return (covariate - self.covariate.mean) / self.covariate.sd
 
     def _line(self) -> str:
-        tests = counted(len(self.tests), "test")
-        return f"of {tests} of {self.model_class!r}: {self.best.name}"
+        return f"of {counted(len(self.tests), 'test')} of {self.model_class!r}: {self.best.name}"
 
     def _rows(self) -> list[dict[str, Any]]:
         names = ("name", "log_evidence", "error", "log_bayes_factor", "probability", "against")

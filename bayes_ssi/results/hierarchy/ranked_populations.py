@@ -245,7 +245,8 @@ def unexplained_tests(class_name: str, posteriors: Mapping[str, Posterior]) -> I
         fit = posterior.adequacy
         # Of many tests that a right class explains, the most unusual one is far out (Bonferroni).
         if fit and (len(posteriors) * fit.overall.p_value < INADEQUATE or fit.hints):
-            yield f"test {test!r}, {class_name!r}: {inadequacy_in_words(fit)}"
+            words = inadequacy_in_words(fit, posterior.pairing_is_given)
+            yield f"test {test!r}, {class_name!r}: {words}"
 
 
 def repeated_errors(class_name: str, posteriors: Mapping[str, Posterior]) -> Iterator[str]:

@@ -24,7 +24,7 @@ from bayes_ssi.structures.structure import Requirement, Structure
 DRAWS_OF_A_PREDICTION = 1000  # of a prediction, by default
 # Numbers in the largest array of a batch of draws: 2e7 of 8 bytes are 160 MB.
 ARRAY_SIZE = 20_000_000
-# Of an approximate structure at the draws, at most, and ``shape_error``.
+# Of an approximate structure at the draws, at most, and ``SHAPE_ERROR``.
 FREQUENCY_ERROR = 1e-4
 SHAPE_ERROR = 0.01
 # Of frequencies that an approximate structure gave, relative to the largest at the few draws
@@ -152,8 +152,7 @@ def thinned_draws(
     names = [parameter.name for parameter in of_test.parameters]
     changed = f"model class {posterior.name!r} is not the one that was sampled"
     require_known(f"{changed}: no stored parameter", names, posterior.parameter_names)
-    known = posterior.configuration_names
-    require_known(f"{changed}: no stored configuration", [test.name], known)
+    require_known(f"{changed}: no stored configuration", [test.name], posterior.configuration_names)
     columns = [posterior.parameter_names.index(name) for name in names]
     rows = thinned_rows(len(posterior.values), n_draws)
     of_likelihood = posterior.values[rows][:, columns]
@@ -223,8 +222,7 @@ def predict_frequencies(
         thinned_draws(posterior, model_class, n_draws, c.name) for c in model_class.configurations
     ]
     columns = [posterior.parameter_names.index(name) for name in model_class.parameter_names]
-    rows = thinned_rows(len(posterior.values), n_draws)
-    values = posterior.values[rows][:, columns]
+    values = posterior.values[thinned_rows(len(posterior.values), n_draws)][:, columns]
     if isinstance(state, str):
         test = list(model_class.configurations).index(model_class.configuration(state))
         structure, model_hz = tests[test].structure, tests[test].frequencies_hz

@@ -326,8 +326,7 @@ def load_saved_predictions(result: Path) -> dict[str, Any]:
     record = read_json(directory / MARKER)
     if missing := {"configuration", "damping", "draws", "predictions_of"} - record.keys():
         raise ValueError(f"{directory / MARKER}: damaged: no {', '.join(sorted(missing))}")
-    figures = sorted(directory.glob("figures/*.png"))
-    return {"record": record, "tables": tables, "figures": figures}
+    return {"record": record, "tables": tables, "figures": sorted(directory.glob("figures/*.png"))}
 
 
 BAND = ("low", "median", "high")

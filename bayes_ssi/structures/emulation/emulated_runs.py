@@ -118,8 +118,7 @@ def _fitted(x: FloatArray, modes: Modes, n_needed: int) -> EmulatorFit:
 
     def fit(rows: NDArray[np.intp]) -> EmulatorFit:
         some = Modes(modes.frequencies_hz[rows], modes.shapes[rows])
-        failing = FailingPoints(x[:0], x[:0], x[rows])
-        return EmulatorFit.best(x[rows], some, failing, n_needed, None)
+        return EmulatorFit.best(x[rows], some, FailingPoints(x[:0], x[:0], x[rows]), n_needed, None)
 
     whole = fit(np.arange(len(x)))
     ratios = []

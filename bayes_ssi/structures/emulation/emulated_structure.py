@@ -62,8 +62,7 @@ class FailingPoints:
             value = np.logaddexp(0.0, -margins).sum() + 0.5 * precision * c @ c
             return float(value), precision * c - terms.T @ (signs * expit(-margins))
 
-        start = np.zeros(terms.shape[1])
-        self.coefficients = minimize(cost, start, jac=True, method="L-BFGS-B").x
+        self.coefficients = minimize(cost, np.zeros(terms.shape[1]), jac=True, method="L-BFGS-B").x
 
     def votes(self, x: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the model fails (B,) at ``x`` (B, d): by the odds, and at the nearest point."""
@@ -281,8 +280,7 @@ class EmulatorFit(NamedTuple):
 
     def errors_per_spread(self, x: FloatArray) -> FloatArray:
         """Claimed errors (2,) of frequencies and shapes a unit of spread, by nearest solutions."""
-        lengths = self.process.lengths
-        away = (((x[:, None] - self.x) / lengths) ** 2).sum(axis=2)
+        away = (((x[:, None] - self.x) / self.process.lengths) ** 2).sum(axis=2)
         nearest = np.argsort(away, axis=1, kind="stable")[:, :N_NEAREST].ravel()
         return np.asarray(np.sqrt((self.ratios[nearest] ** 2).mean(axis=0)) + 1e-300)
 

@@ -124,8 +124,7 @@ class _Solved:
     @property
     def projected_inverse(self) -> FloatArray:
         """R⁻¹ - R⁻¹ F (Fᵀ R⁻¹ F)⁻¹ Fᵀ R⁻¹, which maps outputs to the weights."""
-        identity = np.eye(len(self.cholesky))
-        inverse = scipy.linalg.cho_solve((self.cholesky, True), identity)
+        inverse = scipy.linalg.cho_solve((self.cholesky, True), np.eye(len(self.cholesky)))
         solved = scipy.linalg.solve_triangular(self.cholesky, self.half_trend, lower=True, trans=1)
         of_trend = scipy.linalg.solve_triangular(self.trend_root, solved.T, trans=1)
         return np.asarray(inverse - of_trend.T @ of_trend)

@@ -53,13 +53,11 @@ class ModalOperator:
         if self.n_dof < self.n_modes:
             return None
         shapes = unit_shapes(modes.shapes)
-        reference = np.linalg.pinv(shapes[0])
-        coordinates = np.einsum("md,ndk->nmk", reference, shapes)
+        coordinates = np.einsum("md,ndk->nmk", np.linalg.pinv(shapes[0]), shapes)
         if not np.linalg.cond(coordinates).max() < WORST_CONDITION:
             return None
         inverse = np.linalg.inv(coordinates)
-        logs = np.log(modes.frequencies_hz)
-        operators = np.einsum("nij,nj,njk->nik", coordinates, logs, inverse)
+        operators = np.einsum("nij,nj,njk->nik", coordinates, np.log(modes.frequencies_hz), inverse)
         parts = (operators, shapes @ inverse)
         return np.hstack([part.reshape(len(shapes), -1) for part in parts])
 
@@ -108,8 +106,7 @@ class TrackedModes:
 
     def weights(self, vectors: FloatArray, n_needed: int) -> FloatArray:
         # The last half are where the posterior lies, once there are any.
-        recent = vectors[len(vectors) // 2 :, : self.n_modes]
-        rank = recent.argsort(axis=1).argsort(axis=1)
+        rank = vectors[len(vectors) // 2 :, : self.n_modes].argsort(axis=1).argsort(axis=1)
         needed = (rank < n_needed).mean(axis=0) > 0.05
         of_modes = np.where(needed, 1.0, NOT_NEEDED)
         return np.concatenate([of_modes, SHAPE_WEIGHT * np.tile(of_modes, self.n_dof)])

@@ -126,7 +126,8 @@ def blind_spots(
         run: workers, and progress.
 
     Raises:
-        ValueError: nothing can be hung on a class, there are several, or it has several tests.
+        ValueError: nothing can be hung on a class, there are several, it has several tests, or a
+            prior median is zero.
     """
     run = run or Run()
     baselines = choose_baselines(study, candidates=candidates)
@@ -134,6 +135,12 @@ def blind_spots(
         names = ", ".join(repr(each.name) for each in baselines.classes)
         raise ValueError(f"blind spots: are those of one model class; choose one of {names}")
     (best,) = baselines.classes
+    for each in best.structural_parameters:
+        if each.prior.quantile(0.5) == 0.0:
+            raise ValueError(
+                f"blind spots: the prior median of {each.name!r} is zero, and relative errors are "
+                "not defined"
+            )
     test, structure = _Test(best.data.sensors, best.data.band_hz), best.structure
     others = [each for each in structure.degrees_of_freedom if each not in test.sensors]
     others = others if len(others) <= MOST_SENSORS else []
@@ -246,7 +253,8 @@ def _judged(best: ModelClass, test: _Test, case: _Case) -> HiddenCase:
     if abs(error) > NOT_NEAR_WRONG:
         study = Study(best.name, [made])
         posteriors = sample_all(study.model_classes, 0, ROUGH, Run())
-        comparison = ranked(study, posteriors, 0, ROUGH, Run(), appendage_checks).comparison
+        ranking = ranked(study, posteriors, 0, ROUGH, Run())
+        comparison = ranking.comparison.with_further(appendage_checks(ranking, Run()))
         name, error = _most_wrong(made, {row.name: row.median for row in posteriors[0].summary})
         if abs(error) > WRONG:
             said = (*comparison.failed_checks, comparison.hidden_appendage)

@@ -157,7 +157,7 @@ def _places_near(
 def _best(ranking: Ranking) -> tuple[ModelClass, Posterior]:
     name = ranking.comparison.best.name
     best = next(each for each in ranking.study.model_classes if each.name == name)
-    return best, next(each for each in ranking.posteriors if each.name == name)
+    return best, ranking.posterior(name)
 
 
 def _screened(

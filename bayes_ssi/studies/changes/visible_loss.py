@@ -106,7 +106,7 @@ def _smallest_loss(
     above = np.flatnonzero(rough > needed)
     last = int(above[0]) if len(above) else len(first) - 1
     passed = math.sqrt(first[last] * first[max(last - 1, 0)])
-    floor = float(rough.min()) - 1.0
+    floor = min(float(rough.min()), 0.0) - 1.0  # without a loss, none is more probable
     low, high = LOSSES_AROUND
     losses, odds = np.empty(0), np.empty(0)
     for _ in range(2):

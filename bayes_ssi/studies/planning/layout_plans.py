@@ -91,8 +91,9 @@ def plan(
             configuration does not exist, the aim is the class and there is only one, the result
             is not one of this study, or fewer than 50 tests or draws are asked for.
     """
-    if min(n_tests, n_draws or 50) < 50:
-        raise ValueError(f"plan: at least 50 tests and draws, got {n_tests} and {n_draws}")
+    for name, number in {"n_tests": n_tests, "n_draws": n_draws}.items():
+        if number is not None and number < 50:
+            raise ValueError(f"plan: {name} must be at least 50, got {number}")
     known = _known_classes(study, after)
     plans, report = {}, (run or Run()).report
     for name, classes in _alternatives(known, configurations, added_masses or {}).items():

@@ -163,7 +163,7 @@ class PlannedClass:
 
     @cached_property
     def drawn_before(self) -> FloatArray:
-        """Draws (n_for_moments, n_parameters) before the test, always the same."""
+        """Draws (N_FOR_MOMENTS, n_parameters) before the test, always the same."""
         return self.draw(N_FOR_MOMENTS, np.random.default_rng(0))
 
 

@@ -248,7 +248,9 @@ def _changed_class(
         misfit_before=fit.overall if fit else None,
         misfit_after=fit_after.overall if fit_after else None,
         unexplained=(
-            inadequacy_in_words(fit_after) if fit_after and not fit_after.is_adequate else ""
+            inadequacy_in_words(fit_after, posterior.pairing_is_given)
+            if fit_after and not fit_after.is_adequate
+            else ""
         ),
         parameters=tuple(map(ParameterChange, before, after)),
     )

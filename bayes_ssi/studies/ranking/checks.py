@@ -9,7 +9,7 @@ most.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -45,9 +45,6 @@ BAND_MOVED = 0.05
 # parameter of the structure by more of its standard deviations: the error it is quoted with.
 PROBABILITY_MOVED, PARAMETER_MOVED = 0.1, 1.0
 
-# From a ranking, and workers for what it takes to check it.
-Checker = Callable[[Ranking, Run], Iterable[Check]]
-
 
 def ranked(
     study: Study,
@@ -55,7 +52,6 @@ def ranked(
     seed: int,
     settings: SamplingSettings,
     run: Run,
-    *further: Checker,
     searched: Collection[str] = (),
 ) -> Ranking:
     """The ranking of sampled classes, checked; with hints if the best does not explain the data.
@@ -70,7 +66,6 @@ def ranked(
         *misfit_of_best(comparison, hinted),
         *failed_sampling(comparison, hinted),
         *settings_moved(ranking, run, searched),
-        *(check for checker in further for check in checker(ranking, run)),
     ]
     return replace(ranking, comparison=comparison.with_checks(checks))
 

@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from bayes_ssi.foundations.argument_types import checked, repeated, require_known
 from bayes_ssi.foundations.displayed import Displayed, columns, counted
-from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words, misfit_text
+from bayes_ssi.inference.criticism.adequacy import inadequacy_in_words
 from bayes_ssi.inference.model_class.model_class import ModelClass
 from bayes_ssi.inference.posterior.posterior import Posterior
 
@@ -100,6 +100,7 @@ class RankedClass:
     # distance from the mean of a normal variable; None where that is not known.
     misfit_p_value: float | None
     misfit_sds: float | None
+    is_rough: bool  # it infers so large an error of frequencies that it explains nothing
     # The misfit of the best class, failed checks of the sampling, and what its edges and settings
     # do to the ranking. Those of a class too improbable to change the answer, and settings on which
     # hardly the ranking depends, are remarks.
@@ -122,11 +123,6 @@ class RankedClass:
     def probability_text(self) -> str:
         return probability_text(self.probability)
 
-    @property
-    def misfit_text(self) -> str:
-        """The misfit in standard deviations; a dash where it is not known."""
-        return misfit_text(self.misfit_sds)
-
 
 def probability_text(probability: float) -> str:
     """A probability to four decimals, never rounded to 0 or 1."""
@@ -141,7 +137,6 @@ class Comparison(Displayed):
 
     classes: tuple[RankedClass, ...]
     data_digest: str  # identifies the data that all of them explain
-    scale: str = SCALE_NAME  # source of the words for Bayes factors
     # Failed checks that concern all classes: of the data, such as of how the modes were identified,
     # and why an appendage may be missing from all of them.
     common_checks: tuple[Check, ...] = ()
@@ -150,7 +145,8 @@ class Comparison(Displayed):
 
     @property
     def has_equal_priors(self) -> bool:
-        return len({row.prior_probability for row in self.classes}) == 1
+        priors = [row.prior_probability for row in self.classes]
+        return max(priors) - min(priors) < 1e-9  # sums of weights, up to rounding
 
     @property
     def best(self) -> RankedClass:
@@ -198,6 +194,10 @@ class Comparison(Displayed):
             of.setdefault(check.model_class, []).append(check)
         rows = tuple(replace(row, checks=tuple(of.get(row.name, ()))) for row in self.classes)
         return replace(self, classes=rows, common_checks=tuple(of.get("", ())))
+
+    def with_further(self, checks: Iterable[Check]) -> "Comparison":
+        """This comparison with further checks, of all classes together."""
+        return replace(self, common_checks=(*self.common_checks, *checks))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -296,6 +296,7 @@ def _row(posterior: Posterior, best: Posterior, prior: float, probability: float
         n_parameters=len(posterior.parameter_names),
         misfit_p_value=fit.overall.p_value if fit else None,
         misfit_sds=fit.overall.sds if fit else None,
+        is_rough=fit is not None and fit.is_rough,
     )
 
 
@@ -315,9 +316,8 @@ def misfit_of_best(comparison: Comparison, posteriors: Sequence[Posterior]) -> I
     others = "No other class explains them" if len(ranked) > 1 else ""
     if adequate:
         others = f"Only less probable classes explain them ({', '.join(map(repr, adequate))})"
-    (own,) = (each.configurations for each in posteriors if each.name == ranked[0])
-    is_given = any(test.inferred_pairing is None for test in own)
-    yield Check("misfit", inadequacy_in_words(best, others, is_given), model_class=ranked[0])
+    (is_given,) = (each.pairing_is_given for each in posteriors if each.name == ranked[0])
+    yield Check("misfit", inadequacy_in_words(best, is_given, others), model_class=ranked[0])
 
 
 def failed_sampling(comparison: Comparison, posteriors: Sequence[Posterior]) -> Iterator[Check]:

@@ -295,7 +295,7 @@ def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | No
     of_posterior = np.concatenate([posterior.maxima[:1], posterior.values[chosen]])
     n = len(model_class.parameters)
     of_prior = np.random.default_rng(0).standard_normal((PRIOR_POINTS, n))
-    z = np.concatenate([_coordinates(model_class, of_posterior), np.zeros((1, n)), of_prior])
+    z = np.concatenate([model_class.coordinates(of_posterior), np.zeros((1, n)), of_prior])
     values = model_class.values(z)
     if workers is None:
         modes = model_class.modes_or_nan(values)
@@ -313,15 +313,9 @@ def _points(model_class: ModelClass, posterior: Posterior, workers: Workers | No
     return _Points(model_class.parameter_names, z, modes, densities)
 
 
-def _coordinates(model_class: ModelClass, values: FloatArray) -> FloatArray:
-    return np.column_stack(
-        [p.prior.to_normal(values[:, i]) for i, p in enumerate(model_class.parameters)]
-    )
-
-
 def _log_maximum(model_class: ModelClass, posterior: Posterior, climbs: bool) -> float:
     """The maximum of likelihood times prior; ``climbs`` where it is not that of the posterior."""
-    z = _coordinates(model_class, posterior.maxima[:1])
+    z = model_class.coordinates(posterior.maxima[:1])
     if climbs:
         target = Target(model_class.log_likelihood_at, z.shape[1])
         return float(ascend(target, z, np.eye(z.shape[1])[None])[1][0])

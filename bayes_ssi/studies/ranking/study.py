@@ -219,7 +219,7 @@ class ResultRecord:
     study_file: str = ""  # the file that defines the study; empty where there is none
     command: str = ""  # the command that reproduces it; empty where it was made from Python
     mass_unit: str = ""  # of the structures; empty where the study states none
-    format: int = 24  # increased whenever the format of a result's files changes
+    format: int = 25  # increased whenever the format of a result's files changes
 
     def model_class(self, name: str) -> ClassRecord:
         """The record of the model class ``name``; KeyError if there is none."""
