@@ -38,9 +38,9 @@ def search(
     """Search for appendages that hide in the identified modes of STUDY.
 
     Hypotheses (no appendage; a pendulum on each floor or other candidate; an infill in each storey;
-    then two) are built on the study's model classes and compared over all pairings of modes. All
-    get approximate evidences; those on which the answer rests are sampled. Workers take whole
-    hypotheses.
+    a motion like a mode, that the model lacks; then two) are built on the study's model classes and
+    compared over all pairings of modes. All get approximate evidences; those on which the answer
+    rests are sampled. Workers take whole hypotheses.
     """
     from bayes_ssi import api
     from bayes_ssi.studies.appendages.appendage_search import appendage_findings

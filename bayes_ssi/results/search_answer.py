@@ -88,7 +88,7 @@ def _appendage_sentences(search: SearchRecord, comparison: Comparison) -> Iterat
         )
         more = " The others are in the tables." if len(averages) > MOST_LISTED else ""
         yield (
-            "The main structure, averaged over all hypotheses (medians and 90 % intervals): "
+            "The main structure, averaged over sampled hypotheses (medians and 90 % intervals): "
             f"{averaged}.{more}"
         )
 

@@ -132,13 +132,13 @@ def _shown(record: FamilyRecord) -> list[Any]:
 
 
 def averaged_table(record: FamilyRecord) -> Table:
-    """The baseline's parameters averaged over all hypotheses, and of the simplest one."""
+    """The baseline's parameters averaged over sampled hypotheses, and of the simplest one."""
     fields = ("mean", "sd", "quantile_05", "quantile_95", "naive_mean", "naive_sd")
     rows = [
         [row.name, *layout.digits(*columns(row, fields).values())]
         for row in record.averaged_parameters
     ]
-    title = f"Parameters averaged over the hypotheses; naive: {record.nothing}"
+    title = f"Parameters averaged over sampled hypotheses; naive: {record.nothing}"
     headings = ["mean", "sd", "5 %", "95 %", "naive mean", "naive sd"]
     return layout.new_table(title, ["parameter"], headings, rows)
 
@@ -153,8 +153,8 @@ def search_notes(record: FamilyRecord) -> list[str]:
             notes.append(f"{n_more} less probable places are in the saved result.")
         if record.has_visible:
             notes.append(
-                "Smallest visible: the loss of all stiffness of that place that these tests would "
-                "have shown, nine times as probable as no change, with probability 0.9."
+                "Smallest visible: the loss, the same share of each stiffness there, that these tests "
+                "would have shown, nine times as probable as no change, with probability 0.9."
             )
     notes += filter(None, [unseen_note(record)])
     n_hidden = len(record.hypotheses) - len(_shown(record))

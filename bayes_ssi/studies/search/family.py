@@ -102,8 +102,8 @@ class SearchLimits:
 
     Attributes:
         number_weights: prior weights of no feature, such as an appendage, of one, of two, ...; the
-            weight of a number is shared evenly by all ways to choose that many. Its length limits
-            the search.
+            weight of a number is shared evenly by all ways to choose that many (half of it by
+            motions that the model lacks, beside appendages). Its length limits the search.
         branches: number of best hypotheses that are extended by one more feature.
         most_unsampled: as many hypotheses are sampled as it takes until sampling the others, whose
             evidences are approximations, would change no probability by more than this. All are
