@@ -153,8 +153,8 @@ def search_notes(record: FamilyRecord) -> list[str]:
             notes.append(f"{n_more} less probable places are in the saved result.")
         if record.has_visible:
             notes.append(
-                "Smallest visible: the loss, the same share of each stiffness there, that these tests "
-                "would have shown, nine times as probable as no change, with probability 0.9."
+                "Smallest visible: the loss, the same share of each stiffness there, that these "
+                "tests would have shown, nine times as probable as no change, with probability 0.9."
             )
     notes += filter(None, [unseen_note(record)])
     n_hidden = len(record.hypotheses) - len(_shown(record))
