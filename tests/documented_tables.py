@@ -1,10 +1,10 @@
-"""Compare the ranking tables in the README and the guide with what the commands print today.
+"""Compare tables and answers in the README and the guide with what the commands print today.
 
     python tests/documented_tables.py [PAGE.md …]
 
 Runs the command that a page shows above each table of log evidences, and compares the order of the
-classes and their log evidences, within three standard errors of the difference. The exit code is 1
-where a page is out of date. All pages take a few minutes.
+classes and their log evidences, within three standard errors of the difference. Sentences of what
+searches answer are to be printed as shown. The exit code is 1 where a page is out of date.
 """
 
 import json
@@ -38,9 +38,18 @@ def documented_tables(page):
             yield shlex.split(command), rows
 
 
-def rows_of(record):
-    """The rows of a ranking as JSON has it."""
-    return {each["name"]: (each["log_evidence"], each["error"]) for each in record["classes"]}
+def documented_answers(page):
+    """The last search above each block that begins with its answer, and the sentences shown."""
+    text, search = page.read_text("utf-8"), r"bayes-ssi (?:search|changes) [^\n`&\\]+$"
+    for shown in re.finditer(r"^That (?:there|something) (?:.*\n)+?```$", text, re.MULTILINE):
+        for command in re.findall(search, text[: shown.start()], re.MULTILINE)[-1:]:
+            yield shlex.split(command), re.split(r"(?<=\.)\s+", shown[0].removesuffix("```"))
+
+
+def rows_of(printed):
+    """The rows of a ranking that is printed as JSON."""
+    classes = json.loads(printed)["classes"]
+    return {each["name"]: (each["log_evidence"], each["error"]) for each in classes}
 
 
 def differences(shown, now):
@@ -56,16 +65,15 @@ def differences(shown, now):
             yield f"{name}: shows {old} ± {old_error}; now {new:.3f} ± {error:.3f}"
 
 
-def ranked_now(command):
-    """The rows of the ranking that a command prints today; a study of ``new`` is written first."""
+def printed_now(command, *options):
+    """What a command prints today; a study of ``new`` is written first."""
     with tempfile.TemporaryDirectory() as directory:
         study, folder = Path(command[2]), ROOT
         if not (ROOT / study).exists():
             folder = Path(directory)
             subprocess.run(["bayes-ssi", "new", study.stem], cwd=folder, check=True)
-        own = [*command, "--json", "--out", str(Path(directory) / "result")]
-        done = subprocess.run(own, cwd=folder, stdout=subprocess.PIPE, text=True, check=True)
-    return rows_of(json.loads(done.stdout))
+        own = [*command, *options, "--out", str(Path(directory) / "result")]
+        return subprocess.run(own, cwd=folder, stdout=subprocess.PIPE, text=True, check=True).stdout
 
 
 def main():
@@ -73,9 +81,15 @@ def main():
     for page in [Path(name) for name in sys.argv[1:]] or PAGES:
         for command, shown in documented_tables(page):
             print(f"{page.name}: {shlex.join(command)}", flush=True)
-            sentences = list(differences(shown, ranked_now(command)))
+            sentences = list(differences(shown, rows_of(printed_now(command, "--json"))))
             print(*(f"  {each}" for each in sentences or ["as shown"]), sep="\n", flush=True)
             out_of_date |= bool(sentences)
+        for command, shown in documented_answers(page):
+            print(f"{page.name}: {shlex.join(command)}", flush=True)
+            now = " ".join(printed_now(command, "--accept-failed-checks").split())
+            missing = [each for each in shown if " ".join(each.strip(". \n").split()) not in now]
+            print(*(f"  not printed: {each}" for each in missing), sep="\n", flush=True)
+            out_of_date |= bool(missing)
     return 1 if out_of_date else 0
 
 

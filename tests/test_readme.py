@@ -1,6 +1,5 @@
 """The README is short, its code runs, and what it says is there."""
 
-import json
 import re
 import tomllib
 
@@ -39,7 +38,7 @@ def test_the_table_is_what_the_command_prints(tmp_path, capsys):
     assert list(shown) == ["3", "1-a", "2", "1-b"]
     own = [str(ROOT / command[-1]), "--json", "--out", str(tmp_path / "out")]
     main([*command[1:-1], *own], standalone_mode=False)
-    now = rows_of(json.loads(capsys.readouterr().out))
+    now = rows_of(capsys.readouterr().out)
     assert list(differences(shown, now)) == []
     assert len(list(differences(shown, now | {"3": (now["3"][0] + 0.1, now["3"][1])}))) == 1
     assert len(list(differences(shown, dict(reversed(now.items()))))) == 1

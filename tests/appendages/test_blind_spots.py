@@ -127,8 +127,7 @@ def test_a_study_of_several_classes_and_medians_of_zero_are_refused():
     other = replace(bare, name="other", error=bs.ErrorModel(frequency_cov=0.02, shape_sd=0.05))
     with pytest.raises(ValueError, match="of one model class; choose one of 'bare frame', 'other'"):
         bs.blind_spots(bs.Study("two", [bare, other]))
-    k = bs.Parameter("k1", bs.Uniform(-1.0, 1.0))
-    terms = [(1.0, 400.0 * np.diag((1.0, 2.0, 3.0))), (k, np.eye(3))]
+    terms = [(1.0, 400.0 * np.eye(3)), (bs.Parameter("k1", bs.Uniform(-1.0, 1.0)), np.eye(3))]
     structure = bs.MatrixStructure(terms, np.eye(3), n_modes=3, labels=FLOORS.sensors)
     softer = replace(bare, configurations=[replace(bare.configurations[0], structure=structure)])
     with pytest.raises(ValueError, match="the prior median of 'k1' is zero, and relative errors"):

@@ -180,8 +180,7 @@ def staircase() -> Problem:
 def cliff() -> Problem:
     """A Gaussian of four dimensions, e^10 lower behind a wall. Closed form."""
     whole = 4.0 * float(log_normal_pdf(0.5, 0.0, math.hypot(1.0, 0.3)))
-    sd = 0.3 / math.hypot(1.0, 0.3)
-    before = ndtr((0.6 - 0.5 / 1.09) / sd)
+    before = ndtr((0.6 - 0.5 / 1.09) * math.hypot(1.0, 0.3) / 0.3)
     return Problem(
         "cliff d=4", 4, lambda z: log_normal_pdf(z, 0.5, 0.3).sum(1) - 10.0 * (z[:, 0] > 0.6),
         whole + math.log(before + math.exp(-10.0) * (1.0 - before)),

@@ -48,7 +48,6 @@ def test_the_study_has_the_benchmark_s_modes_where_its_faces_lose_what_braces_ta
     """Stiffnesses of faces are rounded to five digits, those of middle columns to four."""
     structure = kept_study("asce_benchmark").model_classes[0].configurations[0].structure
     left = benchmark.braces_left(pattern)
-    losses = benchmark.of_faces(left)
-    faces = [[1.0 - losses[parameter.name] for parameter in structure.parameters]]
+    faces = [[1.0 - benchmark.of_faces(left)[each.name] for each in structure.parameters]]
     ours = structure.modes(np.array(faces)).frequencies_hz[0]
     assert ours == pytest.approx(benchmark.modes(left)[0], rel=3e-5)

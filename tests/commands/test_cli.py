@@ -150,13 +150,12 @@ def test_calibrate_says_what_is_not_unique(run, tiny_study_file):
     assert "The fit is not unique" in result.stdout
     assert "'one k'" not in result.stdout
     fits = [SimpleNamespace(objective=each, distance=0.0) for each in (0.01, 0.02, 0.03)]
-    calibration = SimpleNamespace(name="c", best=fits[0], before=fits[1], minima=fits)
-    calibration.with_prior = False
-    assert "2 further minima fit less well. How" in _conclusion(calibration)
+    made = SimpleNamespace(name="c", best=fits[0], before=fits[1], minima=fits, with_prior=False)
+    assert "2 further minima fit less well. How" in _conclusion(made)
     fits[1].objective = 0.01
-    assert "2 further minima were reached, of which some fit as well." in _conclusion(calibration)
-    calibration.with_prior = True
-    assert "2 further minima are less probable." in _conclusion(calibration)
+    assert "2 further minima were reached, of which some fit as well." in _conclusion(made)
+    made.with_prior = True
+    assert "2 further minima are less probable." in _conclusion(made)
 
 
 def test_calibrate_says_what_is_not_determined(run, study_file):

@@ -240,8 +240,7 @@ NO_NUMBER = "is not a number"
     ],
 )  # fmt: skip
 def test_messages_name_file_line_column_and_value(read, text, message):
-    mark = "," if message.startswith("line") else ":"
-    assert_refused(f"modes.csv{mark} {message}", read, text)
+    assert_refused(f"modes.csv{',' if message.startswith('line') else ':'} {message}", read, text)
 
 
 def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path):

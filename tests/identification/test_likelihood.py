@@ -127,8 +127,7 @@ def test_the_log_density_against_loops(building, identified, with_shapes, errors
     data = identified if with_shapes else identified.without_shapes()
     (first, second), (a, b) = (ERRORS, errors) if errors else ([1.0, 1.0], [1.0, 1.0])
     model = likelihood(building, data, PAIRING, 0.02 * first, 0.06 * second, p_d, nu)
-    inferred = "ab" if with_shapes else "a"
-    names = ["k1", "k2", "k3", *(inferred if errors else "")]
+    names = ["k1", "k2", "k3", *(("ab" if with_shapes else "a") if errors else "")]
     assert [p.name for p in model.parameters] == names
     total = model.log_density(np.array([[*ks, a, b][: len(names)] for ks in KS]))
     expected = [by_hand(data, ks, 0.02 * a, 0.06 * b, p_d, nu) for ks in KS]

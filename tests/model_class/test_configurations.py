@@ -57,8 +57,7 @@ def joint(name="both", error=ERROR, **changes):
 
 
 def columns(model_class, values, of):
-    names = list(of.parameter_names)
-    return values[:, [names.index(name) for name in model_class.parameter_names]]
+    return values[:, [of.parameter_names.index(name) for name in model_class.parameter_names]]
 
 
 @pytest.fixture

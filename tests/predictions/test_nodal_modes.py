@@ -182,8 +182,7 @@ def expected(further):
     shared = np.where(np.equal.outer(t, t), 1.0, RHO)
     covariance = SD**2 * shared * 0.5 ** np.abs(np.subtract.outer(i, i))
     n = len(paired)
-    known = covariance[:n, :n] + 0.01**2 * np.eye(n)
-    gain = covariance[n:, :n] @ np.linalg.inv(known)
+    gain = covariance[n:, :n] @ np.linalg.inv(covariance[:n, :n] + 0.01**2 * np.eye(n))
     return gain @ residuals, covariance[n:, n:] - gain @ covariance[:n, n:]
 
 

@@ -19,11 +19,7 @@ from bayes_ssi.inference.criticism.adequacy import misfit_text
 from bayes_ssi.plots.figure_style import style
 from bayes_ssi.report import page_content as texts
 from bayes_ssi.report.page_content import interval, percent
-from bayes_ssi.report.report_figures import (
-    _drawn_classes,
-    _of_most_interest,
-    embedded_file,
-)
+from bayes_ssi.report.report_figures import _drawn_classes, _of_most_interest, embedded_file
 from bayes_ssi.report.tables.layout import number
 from bayes_ssi.results.result_files import write_json
 from bayes_ssi.studies.ranking.comparison import Check

@@ -206,8 +206,7 @@ def test_a_region_that_every_search_drew_in_is_not_doubted(sampled):
 
 def cut_off_bump(z):
     """A normal of height 1, cut off at e^-690: above that in 8e-6 of the prior."""
-    squares = ((z - np.array([1.5, -1.0])) ** 2).sum(1) / 2.5e-4**2
-    return np.maximum(-0.5 * squares, -690.0)
+    return np.maximum(-0.5 * ((z - np.array([1.5, -1.0])) ** 2).sum(1) / 2.5e-4**2, -690.0)
 
 
 # Of the last, importance draws are where coordinates end, or beyond.

@@ -134,8 +134,8 @@ def test_straightening_undoes_bending(rng, m, k, degree):
 
 
 def test_polynomials_are_of_the_wide_coordinates_and_end_at_the_reach():
-    coefficients = np.array([[0.0, 1.0, 0.0, 0.0, 1.0, 0.5]])  # of 1, a, b, a², ab, b²
-    bend, reach = Bend(coefficients, 2, 2), REACH
+    # Coefficients of 1, a, b, a², ab, b².
+    bend, reach = Bend(np.array([[0.0, 1.0, 0.0, 0.0, 1.0, 0.5]]), 2, 2), REACH
     bent = bend.bent(np.array([[0.5, 2.0 * reach], [2.0, -1.0], [0.3, 0.0]]))
     np.testing.assert_allclose(bent[:2], [[0.5, 2.0 * reach], [2.0, -1.0]])
     np.testing.assert_allclose(bent[2], [0.3 + 0.5 + 1.0 + 2.0, reach - reach + 0.5])

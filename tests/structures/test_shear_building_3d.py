@@ -39,8 +39,7 @@ def test_a_uniform_building_has_the_frequencies_of_three_chains():
 def test_a_storey_with_an_eccentric_centre_of_stiffness(centre, own, coupled):
     # One direction is uncoupled; the other and torsion are [[a, c], [c, b]].
     a, b = coupled / 2.0, (5000.0 + coupled * 0.4**2) / (2.0 * 1.5**2)
-    c = coupled * 0.4 / (2.0 * 1.5)
-    half, root = (a + b) / 2.0, math.sqrt((a - b) ** 2 / 4.0 + c**2)
+    half, root = (a + b) / 2.0, math.hypot((a - b) / 2.0, coupled * 0.4 / (2.0 * 1.5))
     expected = np.sqrt(np.sort([own / 2.0, half - root, half + root])) / (2.0 * math.pi)
     np.testing.assert_allclose(frequencies(one_storey(centre))[0], expected, rtol=1e-12)
 
