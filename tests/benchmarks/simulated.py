@@ -78,7 +78,8 @@ def _modes_of_test(
             direction = shapes[:, i] / np.linalg.norm(shapes[:, i])
             # exp(-(1 - cos t)/σ²) is the von Mises-Fisher density with κ = 1/σ²; for small σ its
             # mirror image at -φ adds nothing but the sign.
-            shape = vonmises_fisher(direction, shape_sd**-2, seed=rng).rvs(1)[0]
+            variance = shape_sd**2 + configuration.structure.shape_variances.get(i, 0.0)
+            shape = vonmises_fisher(direction, 1.0 / variance, seed=rng).rvs(1)[0]
             label = str(len(observed) + 1)
             observed.append(bs.IdentifiedMode(label, identified, shape, **own))
             pairing[label] = i + 1
