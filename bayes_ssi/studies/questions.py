@@ -59,7 +59,7 @@ def rank(
     with run.working():
         posteriors = sample_all(study.model_classes, seed, settings, run)
         ranking = ranked(study, posteriors, seed, settings, run)
-        further = ranking.comparison.with_further(appendage_checks(ranking, run))
+        further = ranking.comparison.with_further([*appendage_checks(ranking, run)])
         return replace(ranking, comparison=further)
 
 
