@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import vonmises_fisher
 
 import bayes_ssi as bs
+from bayes_ssi.inference.likelihood.close_modes import close_pairs, relative_distances
 from bayes_ssi.parameters.parameters import Value, as_product
 
 
@@ -68,26 +69,48 @@ def _modes_of_test(
     frequency_cov, shape_sd = map(math.hypot, of_model, stated or (0.0, 0.0))
     own = stated._asdict() if stated else {}
     sensors = configuration.data.sensors
-    shapes = configuration.structure.sensor_matrix(sensors).apply(modes.shapes)[0]
     low, high = configuration.data.band_hz
+    (n,) = modes.frequencies_hz[0].shape
+    identified = modes.frequencies_hz[0] * (1.0 + frequency_cov * rng.standard_normal(n))
+    seen = (rng.random(n) < identification.detection_probability) & (low < identified)
+    seen &= identified < high
+    distances = relative_distances(
+        *(np.where(seen, identified, np.nan)[i : n - 1 + i] for i in (0, 1))
+    )
+    shapes = configuration.structure.sensor_matrix(sensors).apply(modes.shapes)[0]
+    _turn(shapes, modes.frequencies_hz, distances, np.square([of_model]), rng)
     observed, pairing = [], {}
-    for i, frequency in enumerate(modes.frequencies_hz[0]):
-        identified = frequency * (1.0 + frequency_cov * rng.standard_normal())
-        detected = rng.random() < identification.detection_probability
-        if detected and low < identified < high:
+    for i, frequency in enumerate(identified):
+        if seen[i]:
             direction = shapes[:, i] / np.linalg.norm(shapes[:, i])
             # exp(-(1 - cos t)/σ²) is the von Mises-Fisher density with κ = 1/σ²; for small σ its
             # mirror image at -φ adds nothing but the sign.
             variance = shape_sd**2 + configuration.structure.shape_variances.get(i, 0.0)
             shape = vonmises_fisher(direction, 1.0 / variance, seed=rng).rvs(1)[0]
             label = str(len(observed) + 1)
-            observed.append(bs.IdentifiedMode(label, identified, shape, **own))
+            observed.append(bs.IdentifiedMode(label, frequency, shape, **own))
             pairing[label] = i + 1
     for _ in range(rng.poisson(identification.expected_spurious_modes)):
         shape = rng.standard_normal(len(sensors))
         frequency = rng.uniform(low, high)
         observed.append(bs.IdentifiedMode(f"s{len(observed)}", frequency, shape, **own))
     return observed, pairing
+
+
+def _turn(
+    shapes: np.ndarray,
+    model_hz: np.ndarray,
+    distances: np.ndarray,
+    variances: np.ndarray,
+    rng: np.random.Generator,
+) -> None:
+    """Turn shapes (n_sensors, n_modes) of close modes, whose identified ones are that far apart."""
+    close = close_pairs(model_hz, distances[:, None], variances, distances[:, None])
+    for k, i in enumerate(() if close is None else close.lower):
+        kappa = float(close.concentrations(distances[[i]], np.array([k]))[0])
+        t = 0.5 * rng.vonmises(0.0, kappa) if math.isfinite(kappa) else 0.0
+        turned = [[math.cos(t), -math.sin(t)], [math.sin(t), math.cos(t)]]
+        shapes[:, i : i + 2] = shapes[:, i : i + 2] @ turned
 
 
 def _evaluated(size: Value, named: dict[str, float]) -> float:
