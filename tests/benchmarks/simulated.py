@@ -11,7 +11,7 @@ from scipy.stats import vonmises_fisher
 
 import bayes_ssi as bs
 from bayes_ssi.inference.likelihood.close_modes import close_pairs, relative_distances
-from bayes_ssi.parameters.parameters import Value, as_product
+from bayes_ssi.parameters.parameters import as_product
 
 
 class IdentificationErrors(NamedTuple):
@@ -65,23 +65,23 @@ def _modes_of_test(
 ) -> tuple[list[bs.IdentifiedMode], dict[str, int]]:
     """The identified modes of one test, and their pairing."""
     error, identification = candidate.error, candidate.identification
-    of_model = [_evaluated(e, named) for e in (error.frequency_cov, error.shape_sd)]
+    of_model = [
+        size.scale * math.prod(named[p.name] ** power for p, power in size.powers)
+        for size in map(as_product, (error.frequency_cov, error.shape_sd))
+    ]
     frequency_cov, shape_sd = map(math.hypot, of_model, stated or (0.0, 0.0))
     own = stated._asdict() if stated else {}
     sensors = configuration.data.sensors
     low, high = configuration.data.band_hz
-    (n,) = modes.frequencies_hz[0].shape
-    identified = modes.frequencies_hz[0] * (1.0 + frequency_cov * rng.standard_normal(n))
-    seen = (rng.random(n) < identification.detection_probability) & (low < identified)
-    seen &= identified < high
-    distances = relative_distances(
-        *(np.where(seen, identified, np.nan)[i : n - 1 + i] for i in (0, 1))
-    )
+    (model_hz,) = modes.frequencies_hz
+    identified = model_hz * (1.0 + frequency_cov * rng.standard_normal(len(model_hz)))
+    is_seen = rng.random(len(model_hz)) < identification.detection_probability
+    seen_hz = np.where(is_seen & (low < identified) & (identified < high), identified, np.nan)
     shapes = configuration.structure.sensor_matrix(sensors).apply(modes.shapes)[0]
-    _turn(shapes, modes.frequencies_hz, distances, np.square([of_model]), rng)
+    _turn(shapes, model_hz, seen_hz, np.square([of_model]), rng)
     observed, pairing = [], {}
-    for i, frequency in enumerate(identified):
-        if seen[i]:
+    for i, frequency in enumerate(seen_hz):
+        if not np.isnan(frequency):
             direction = shapes[:, i] / np.linalg.norm(shapes[:, i])
             # exp(-(1 - cos t)/σ²) is the von Mises-Fisher density with κ = 1/σ²; for small σ its
             # mirror image at -φ adds nothing but the sign.
@@ -97,26 +97,15 @@ def _modes_of_test(
     return observed, pairing
 
 
-def _turn(
-    shapes: np.ndarray,
-    model_hz: np.ndarray,
-    distances: np.ndarray,
-    variances: np.ndarray,
-    rng: np.random.Generator,
-) -> None:
-    """Turn shapes (n_sensors, n_modes) of close modes, whose identified ones are that far apart."""
-    close = close_pairs(model_hz, distances[:, None], variances, distances[:, None])
+def _turn(shapes, model_hz, seen_hz, variances, rng):
+    """Turn shapes (n_sensors, n_modes) of close modes as the likelihood of those seen has it."""
+    distances = relative_distances(seen_hz[:-1], seen_hz[1:])
+    close = close_pairs(model_hz[None], distances[:, None], variances, distances[:, None])
     for k, i in enumerate(() if close is None else close.lower):
         kappa = float(close.concentrations(distances[[i]], np.array([k]))[0])
         t = 0.5 * rng.vonmises(0.0, kappa) if math.isfinite(kappa) else 0.0
-        turned = [[math.cos(t), -math.sin(t)], [math.sin(t), math.cos(t)]]
-        shapes[:, i : i + 2] = shapes[:, i : i + 2] @ turned
-
-
-def _evaluated(size: Value, named: dict[str, float]) -> float:
-    """An error size at the named parameter values."""
-    product = as_product(size)
-    return product.scale * math.prod(named[p.name] ** power for p, power in product.powers)
+        turn = [[math.cos(t), -math.sin(t)], [math.sin(t), math.cos(t)]]
+        shapes[:, i : i + 2] = shapes[:, i : i + 2] @ turn
 
 
 def print_bands(stated: np.ndarray, right: np.ndarray, edges: tuple[float, ...]) -> None:

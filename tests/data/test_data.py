@@ -171,8 +171,6 @@ def test_modes_on_the_ends_of_the_band_are_accepted():
 FIRST = mode("1", 1.0, [0.1, 0.2, 0.3])
 SECOND = mode("2", 2.5, [0.3, NAN, -0.2])
 DATA = data(FIRST, SECOND)
-
-
 WITH_ZERO = data(mode("1", 1.0, [1.0, 0.0, 2.0]))
 
 

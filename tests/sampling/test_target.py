@@ -102,10 +102,3 @@ def test_likelihood_zero_is_no_failure_and_no_point_is_no_evaluation():
     target.log_likelihood(np.zeros((4, 1)))
     assert target.n_failed == 0
     assert Target(lambda _: 1 / 0, 2).log_likelihood(np.empty((0, 2))).shape == (0,)
-
-
-def test_starts_that_a_class_suggests_are_all_climbed_from_and_counted():
-    target, starts = Target(lambda z: -z[:, 0], 2), np.arange(6.0).reshape(3, 2)
-    target.suggest_starts = lambda _: (starts, 7)
-    np.testing.assert_array_equal(target.suggested(np.random.default_rng(0)), starts)
-    assert target.n_evaluations == 7
