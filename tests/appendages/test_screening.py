@@ -224,8 +224,7 @@ def test_in_full_narrow_regions_to_which_residuals_lead_are_climbed_to(monkeypat
         return np.logaddexp(-0.5 * (z**2).sum(1), 30.0 - ((z - 2.0) ** 2).sum(1) / 2e-8)
 
     for effort, is_reached in ((FULL, True), (QUICK, False)):
-        target = Target(log_likelihood, 2)
-        target.suggest_starts = lambda _: (np.full((1, 2), 2.0001), 1)
+        target = Target(log_likelihood, 2, suggest_starts=lambda _: (np.full((1, 2), 2.0001), 1))
         seeds = tuple(np.random.SeedSequence(0).spawn(2))
         z = module._maxima(target, (None, "a simpler one"), seeds, effort).z
         assert (np.abs(z - 2.0).max(axis=1) < 1e-4).any() == is_reached
