@@ -5,11 +5,11 @@
 
 Each set: parameters are drawn from the prior, and modes from the likelihood itself: each model mode
 in the band is identified with the detection probability, with frequency and shape errors, close
-ones turned, and spurious modes are added. The class is sampled on that data, with the pairing that was drawn or any.
-If everything is right, the ranks of the true parameters, and of their log-likelihood, among quoted
-posterior draws are uniform, and 50 % and 90 % intervals hold that share of the true values. Draws
-of a chain depend on one another, so ranks are those among 99 draws, spread evenly over all chains:
-a few per cent of the effective sample size, which is stated.
+ones turned, and spurious modes are added. The class is sampled on that data, with the pairing that
+was drawn or any. If everything is right, the ranks of the true parameters, and of their
+log-likelihood, among quoted posterior draws are uniform, and 50 % and 90 % intervals hold that
+share of the true values. Draws of a chain depend on one another, so ranks are those among 99 draws,
+spread evenly over all chains: a few per cent of the effective sample size, which is stated.
 
 Studies: the shear building, of whose two structures (infill as mass, infill with its own degree of
 freedom) one is chosen, and both are sampled, so that the true one has, on average, the probability
