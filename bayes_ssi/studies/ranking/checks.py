@@ -26,7 +26,6 @@ from bayes_ssi.studies.ranking.comparison import (
     PROBABLE,
     Check,
     RankedClass,
-    at_edges,
     by_evidence,
     class_probabilities,
     failed_sampling,
@@ -70,21 +69,22 @@ def ranked(
     return replace(ranking, comparison=comparison.with_checks(checks))
 
 
-def settings_moved(ranking: Ranking, run: Run, searched: Collection[str] = ()) -> Iterator[Check]:
+def settings_moved(ranking: Ranking, run: Run, searched: Collection[str]) -> Iterator[Check]:
     """What settings do to the ranking, where posteriors lie at their edges.
 
     Classes whose draws do not cover a moved setting are sampled again.
     """
     comparison, moving = ranking.comparison, _MovableRanking(ranking, run)
-    if any(posterior.sensor_shapes is None for posterior in ranking.posteriors):
-        yield from at_edges(comparison, ranking.posteriors)
-        return
+    has_shapes = all(posterior.sensor_shapes is not None for posterior in ranking.posteriors)
     probable = [row for row in comparison.classes if row.probability >= PROBABLE]
     for row in probable:
         for edge in ranking.posterior(row.name).edges:
-            check = moving.at_edge(edge, row)
+            unmoved = Check("edge", edge.statement, model_class=row.name)
+            check = moving.at_edge(edge, row) if has_shapes else unmoved
             only_said = edge.is_near_bound and edge.parameter in searched
             yield replace(check, fails=check.fails and not only_said)
+    if not has_shapes:
+        return
     tests = (ranking.posterior(row.name).configurations for row in probable)
     if len({sum(len(test.pairing) for test in of_class) for of_class in tests}) > 1:
         what = "the classes differ in how many modes are missed or spurious"
